@@ -152,7 +152,9 @@ class _Clock:
                 self.is_over = True
                 _thread.interrupt_main()  # again, until the run has ended: a callback of Exudyn may lose it
                 continue
-            left = elapsed * (self.steps / self.solved - 1.0) if self.solved > before else math.inf
+            # The first steps may each take long, on every mesh that is tried.
+            some = self.solved > max(before, self.steps // 20)
+            left = elapsed * (self.steps / self.solved - 1.0) if some else math.inf
             if left > LONG_RUN and not announced:
                 announced = True
                 is_known = left < math.inf

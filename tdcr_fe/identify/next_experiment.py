@@ -190,6 +190,7 @@ def _shrinking(models: Sequence[_Model], planned: Sequence[FitProblem]) -> Itera
     for i, (linear,) in _solved(planned, models):
         left = np.linalg.pinv(known + linear.matrix.T @ linear.matrix, hermitian=True)[widest, widest]
         share = float(np.sqrt(left) / error[widest])
-        purpose = f"narrows the interval of {parameter} ({effect}) by {100.0 * (1.0 - share):.0f} %"
-        name = f"{effect}.{parameter}"
-        yield i, NextExperiment(planned[i].data.steps, purpose, parameter=name, remaining_share=share)
+        percent, name = f"{100.0 * (1.0 - share):.0f}", f"{effect}.{parameter}"
+        if int(percent) > 0:
+            purpose = f"narrows the interval of {parameter} ({effect}) by {percent} %"
+            yield i, NextExperiment(planned[i].data.steps, purpose, parameter=name, remaining_share=share)

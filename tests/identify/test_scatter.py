@@ -132,7 +132,7 @@ def test_large_errors_of_a_few_steps_are_found_there_and_are_no_noise_of_the_inp
     own[np.arange(len(PULLS)) % 8 != 3] = 0.0
     state, found = searched(data(1.0 + 4.0 * own, 0.0))
     assert (found.what, found.steps) == ("inputs", (4, 12, 20))
-    assert "in the steps 4, 12 and 20 alone" in str(concluded(replace(state, scatter=found)))
+    assert "in steps 4, 12 and 20 alone" in str(concluded(replace(state, scatter=found)))
     assert errors_of_inputs(state.problem, state.best) is None
 
 

@@ -426,14 +426,14 @@ def test_a_compressible_backbone_is_shortened_by_its_tension_times_its_complianc
     assert tip[2] == pytest.approx(0.2 * (1.0 - 2.0 * (1e-3 + 1.0 / ROBOT.backbone.EA)), rel=1e-6)
 
 
-def test_one_hole_or_one_disk_is_moved_and_no_other():
+def test_one_hole_or_one_disk_is_moved_and_no_other_or_all_of_them():
     """A disk slips along the backbone, turns with its holes, or has one hole elsewhere."""
     problem, _, causes = declared()
-    at = f"(disk at s = {ROBOT.disks.positions[1]:.4g} m)"
+    at = f" (disk at s = {ROBOT.disks.positions[1]:.4g} m)"
 
-    def changed(name, **values):
+    def changed(name, at=at, **values):
         """Holes less those of the declared robot, by tendon; and the disks."""
-        cause = causes[f"{name} {at}"]
+        cause = causes[name + at]
         robot = cause.apply(problem.experiment, {**cause.null_values(problem.experiment), **values}).robot
         pairs = zip(robot.tendons, ROBOT.tendons, strict=True)
         return [robot.holes(a) - ROBOT.holes(b) for a, b in pairs], robot
@@ -449,6 +449,10 @@ def test_one_hole_or_one_disk_is_moved_and_no_other():
     _, robot = changed("disk slipped", along=2e-3)
     slipped = np.subtract(robot.disks.positions, ROBOT.disks.positions)
     np.testing.assert_allclose(slipped, 2e-3 * np.eye(len(slipped))[1])
+    off = changed("disks off their centre", "", x=1e-4)[0]
+    np.testing.assert_allclose(off, np.full(np.shape(off), (1e-4, 0.0)), atol=1e-12)
+    nearer = changed("radius of all holes", "", factor=0.9)[0]
+    np.testing.assert_allclose(nearer, [-0.1 * ROBOT.holes(t) for t in ROBOT.tendons], atol=1e-12)
 
 
 # ------------------------------------------------------------ not solved, or impossible
