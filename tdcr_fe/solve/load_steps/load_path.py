@@ -93,7 +93,7 @@ class Ramp:
         """Whether loads, or more than one input, change in this load step: slips may then reverse and return in it."""
         ends = (0.0, self.start_time), (1.0, self.end_time)
         start, end = (np.concatenate([ramp(*at) for ramp in self.inputs]) for at in ends)
-        return self.loads_change or np.count_nonzero(start != end) > 1
+        return self.loads_change or bool(np.count_nonzero(start != end) > 1)
 
     @property
     def changes_beyond_inputs(self) -> bool:
