@@ -65,7 +65,8 @@ def unstable_motions(system: SceneSystem, residual: Residual) -> Array:
     below = values.real < -least
     motions = np.zeros((np.count_nonzero(below), len(free)))
     motions[:, free] = scale * vectors[:, below].real.T
-    return motions / np.abs(motions.reshape(len(motions), -1, 6)[..., :3]).max(axis=(1, 2))[:, None]
+    moved = motions.reshape(len(motions), len(free) // 6, 6)[..., :3]
+    return motions / np.abs(moved).max(axis=(1, 2))[:, None]
 
 
 def _compliance(system: SceneSystem, residual: Residual, linear: Linearization, which: Index) -> Array:
