@@ -34,9 +34,9 @@ SMALLEST_PART = 1e-4
 ADVICE = {
     NewtonStatus.SINGULAR: "Fix or support what moves freely.",
     NewtonStatus.CONTACT_TOO_DEEP: "Give contact a larger stiffness, or the robot a smaller load.",
-    NewtonStatus.CONTACT_PASSED: "No equilibrium in contact was found near the last one; try smaller load steps.",
+    NewtonStatus.CONTACT_PASSED: "No equilibrium in contact was found near the last one. Try smaller load steps.",
     NewtonStatus.UNSTABLE: (
-        "A real robot slides off or buckles to one side, and no equilibrium was found there; try smaller load steps."
+        "A real robot slides off or buckles to one side, and no equilibrium was found there. Try smaller load steps."
     ),
     NewtonStatus.NO_CONTACT_STATE: "Try smaller load steps, or a smaller contact stiffness.",
 }
