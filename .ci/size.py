@@ -25,7 +25,7 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 2448,
+    "elements": 2446,
     "tdcr_fe": 242,
     "tdcr_fe/commands": 767,
     "tdcr_fe/effects": 1230,
@@ -36,7 +36,7 @@ BUDGET = {
     "tdcr_fe/model": 2446,
     "tdcr_fe/report": 1101,
     "tdcr_fe/scene": 1332,
-    "tdcr_fe/solve": 6337,
+    "tdcr_fe/solve": 6333,
     "tdcr_fe/sweeps": 1400,
     "validation": 6394,
     "tests": 12529,

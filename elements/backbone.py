@@ -59,9 +59,8 @@ class BackboneMesh:
     mass_per_length: Array  # (N-1,): Of every element [kg/m]
     rotary_inertia: Array  # (N-1, 3): Per length, about the beam's axes [kg m]
     precurvature: Array  # (N-1, 3): Curvature of every element in the unloaded state, in beam axes [1/m]
-    taper: (
-        Array  # (N-1,): Change of the radius with arc length, over that in the middle of every element [1/m]
-    )
+    # (N-1,): Change of the radius with arc length, over that in the middle of every element [1/m]
+    taper: Array
 
     @property
     def lengths(self) -> Array:

@@ -8,7 +8,7 @@ from time import perf_counter
 
 import numpy as np
 
-from tdcr_fe.elements import Array
+from tdcr_fe.elements import Array, Flags
 from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.solve.equations.configuration import SolverState, Target
 from tdcr_fe.solve.equations.linearization import Linearization, SolvedStep, input_changes
@@ -99,7 +99,9 @@ class SubstepSolver:
 
         ``may_jump``: where a robot snaps through, it may pass a contact.
         """
-        if not (result.converged and (self.system.has_contact or self._is_beyond_buckling(result.state))):
+        if not result.converged:
+            return result
+        if not (self.system.has_contact or any(x.any() for x in self._buckled(result.state, False))):
             return result
         if self.system.contact_at(result.state).too_deep():
             return result._replace(status=NewtonStatus.CONTACT_TOO_DEEP, unmet=None)
@@ -139,28 +141,20 @@ class SubstepSolver:
         moved = a.configuration.positions - b.configuration.positions
         return float(np.max(np.abs(moved))) / self.system.length
 
-    def _is_beyond_buckling(self, state: SolverState) -> bool:
-        """Whether a bay of any robot that is driven by tensions alone is beyond its buckling load.
+    def _buckled(self, state: SolverState, by_displacement: bool) -> list[Flags]:
+        """Which elements are beyond the buckling load of their bay, by robot.
 
-        Tendons of prescribed displacement hold what they buckle, see `passes_buckling`.
+        Of robots with tendons of prescribed displacement, which hold what they buckle, or of those driven by tensions
+        alone, which do not grow with the compression.
         """
         robots = zip(self.system.robots, state.configuration.twists, self.system.layout.buckling, strict=True)
-        beyond = ((r, r.mesh.lengths - twists[:, 0] > limit) for r, twists, limit in robots)
-        return any(bays.any() and not robot.drives.winds.any() for robot, bays in beyond)
+        wanted = [r for r in robots if r[0].drives.winds.any() == by_displacement]
+        return [robot.mesh.lengths - twists[:, 0] > limit for robot, twists, limit in wanted]
 
     def passes_buckling(self, before: SolverState, after: SolverState) -> bool:
-        """Whether a bay of a robot driven by displacement is beyond its buckling load after a substep, not before.
-
-        Prescribed tensions do not grow with the compression.
-        """
-        for i, (robot, limit) in enumerate(zip(self.system.robots, self.system.layout.buckling, strict=True)):
-            if not robot.drives.winds.any():
-                continue
-            unloaded = robot.mesh.lengths
-            beyond = unloaded - after.configuration.twists[i][:, 0] > limit
-            if beyond.any() and np.any(beyond & (unloaded - before.configuration.twists[i][:, 0] <= limit)):
-                return True
-        return False
+        """Whether a bay of a robot driven by displacement is beyond its buckling load after a substep, not before."""
+        both = zip(self._buckled(before, True), self._buckled(after, True), strict=True)
+        return any(np.any(new & ~old) for old, new in both)
 
     def rescue(self, state: SolverState, start: float, end: float, failed: NewtonResult) -> SolvedPath:
         """For a smallest substep that does not converge: try snap-through, then a larger presliding distance."""
