@@ -23,6 +23,7 @@ from tdcr_fe.identify.fitting import covariance
 from tdcr_fe.identify.noise import series
 from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.identify.result import NextExperiment
+from tdcr_fe.identify.rows import tip_forces
 from tdcr_fe.identify.search_state import Search, SearchState, as_good
 from tdcr_fe.identify.settings import OutOfTime
 from tdcr_fe.model.loading import Load, LoadStep, resolve
@@ -92,7 +93,7 @@ def candidate_sequences(problem: FitProblem) -> list[tuple[LoadStep, ...]]:
     ends = [*np.argmax(commands, axis=0), *np.argmin(commands, axis=0)[np.min(commands, axis=0) < 0.0]]
     extremes = _distinct([commands[int(k)] for k in ends if not np.array_equal(commands[int(k)], rest)])
     points = _distinct([*extremes, *(0.5 * (a + b) for a, b in itertools.combinations(extremes, 2))])
-    measured = np.array([a.loads["tip"].force if "tip" in a.loads else (0.0,) * 3 for a in actions])
+    measured = tip_forces(actions)
     forces = _distinct([f for f in measured if np.linalg.norm(f) > 0.0])
     forces = sorted(forces, key=lambda f: -float(np.linalg.norm(f)))[:MOST]
     names, length = data.robot.tendon_names, data.robot.backbone.length

@@ -13,7 +13,7 @@ import numpy as np
 from tdcr_fe.elements import Array, Index
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.problems import InputError, Problem
-from tdcr_fe.model.loading import LoadStep, resolve
+from tdcr_fe.model.loading import Actuation, LoadStep, resolve
 
 #: Fewest steps, or readings, from which anything is concluded or shown, and steps with readings of which some are held
 #: out.
@@ -43,12 +43,16 @@ def possible_starts(data: MeasuredData) -> range:
     return range(3, len(data.steps) - 2)
 
 
+def tip_forces(actions: Sequence[Actuation]) -> Array:
+    """Force on the tip in every step, shape (n_steps, 3)."""
+    return np.array([a.loads["tip"].force if "tip" in a.loads else (0.0, 0.0, 0.0) for a in actions])
+
+
 def inputs(data: MeasuredData) -> Array:
     """Commands and tip forces of every step, each over its largest value, shape (n_steps, n_tendons + 3)."""
     actions = resolve(data.robot, data.steps)
-    force = [a.loads["tip"].force if "tip" in a.loads else (0.0, 0.0, 0.0) for a in actions]
     commands = np.array([a.values for a in actions]).reshape(len(actions), -1)
-    table = np.concatenate((commands, np.array(force)), axis=1)
+    table = np.concatenate((commands, tip_forces(actions)), axis=1)
     for part in (slice(0, -3), slice(-3, None)):
         largest = np.max(np.abs(table[:, part]), initial=0.0)
         if largest > 0.0:

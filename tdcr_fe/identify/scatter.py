@@ -266,7 +266,7 @@ def _likeliest(problem: FitProblem, fit: Fit, source: _Source, inputs: Array) ->
     noise = _noise_variance(blocks, ratio)
     size = float(np.sqrt(ratio * noise))
     if source.what == "inputs":
-        followed = _is_systematic(errors, blocks, inputs)
+        followed = _is_systematic(errors, blocks, inputs, fit.run.base_tensions)
     else:
         followed = _mostly_follow(values, active, inputs)
     rare = _are_rare(blocks, ratio)
@@ -274,20 +274,22 @@ def _likeliest(problem: FitProblem, fit: Fit, source: _Source, inputs: Array) ->
     return _Likeliest(source, gain, size, values, left, followed, rare, beyond)
 
 
-def _is_systematic(errors: Sequence[Array], blocks: Sequence[_Block], inputs: Array) -> bool:
+def _is_systematic(errors: Sequence[Array], blocks: Sequence[_Block], inputs: Array, tensions: Array) -> bool:
     """Whether errors of inputs follow anything.
 
-    A mean of a tendon that differs from zero, or a dependence on the input, its square, the direction in which it has
-    changed, the row, or the error in the step before.
+    A mean of a tendon that differs from zero, or a dependence on the input, the tension at the base and their squares,
+    the direction in which the input has changed, the row, or the error in the step before.
     """
     largest, count = max(float(np.max(np.abs(inputs))), 1e-300), inputs.shape[1]
+    tightest = max(float(np.max(tensions)), 1e-300)
     before = np.zeros(count)
     rows, goal = [], []
     for block, own in zip(blocks, errors, strict=True):
         last = inputs[block.step - 1] if block.step else np.zeros(count)
         for i, error in zip(block.active, own, strict=True):
             x, changed = inputs[block.step, i] / largest, np.sign(inputs[block.step, i] - last[i])
-            rows.append((*np.eye(count)[i], x, x * x, changed, block.step, before[i]))
+            pull = tensions[block.step, i] / tightest
+            rows.append((*np.eye(count)[i], x, x * x, pull, pull * pull, changed, block.step, before[i]))
             goal.append(error)
             before[i] = error
     return _depends(np.array(rows, dtype=float), np.array(goal))

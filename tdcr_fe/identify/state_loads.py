@@ -21,9 +21,19 @@ from tdcr_fe.effects.base import Kind, Values
 from tdcr_fe.elements import Array
 from tdcr_fe.identify.balance import scale
 from tdcr_fe.identify.bay_state import COMPONENTS, FORCE, MOMENT, BayState, last_direction
-from tdcr_fe.identify.causes import PER_FACTOR, Attraction, Cause, Cord, SettlingLoad, StateLoad, number
+from tdcr_fe.identify.causes import (
+    PER_FACTOR,
+    Attraction,
+    Cause,
+    Cord,
+    SettlingLoad,
+    StateLoad,
+    number,
+    settling_span,
+)
 from tdcr_fe.identify.criteria import OTHER_GRAVITY, UNNAMED
-from tdcr_fe.identify.rows import possible_starts
+from tdcr_fe.identify.rows import possible_starts, tip_forces
+from tdcr_fe.model.loading import resolve
 
 if TYPE_CHECKING:
     from tdcr_fe.identify.problem import FitProblem
@@ -249,11 +259,12 @@ def library(bays: int, clock: Factor) -> list[Term]:
     # the square of a sign is one
     once = [(p, d) for p, d in pairs if p.count(LOADING) + (d is TENDON_SIGN) <= 1]
     terms = [Term(p, d) for p, d in once if (p, d) not in _LISTED]
-    terms.append(Term((TURNING,), BY_SLIP))
+    terms += [Term((TURNING,), BY_SLIP), Term((TURNING, clock), BY_SLIP)]
     terms += [Term(p, UNIT_BENDING) for p in ((), (TENSION,), (clock,))]
     for some in ranges(bays):
         terms += [Term((f,), BENDING, some) for f in (CURVATURE, TENSION, clock, LOADING)]
         terms += [Term((f,), SECTION, some) for f in (clock, TENSION)]
+        terms.append(Term((), UNIT_BENDING, some))
     return terms
 
 
@@ -334,7 +345,7 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> Iterator
     ``progress``: what a drift depends on, "time" or "row"; empty where drifts are left out.
     """
     size, length = scale(problem.experiment.robot), float(state.edges[-1])
-    clock = TIME if progress == "time" else ROW
+    clock, span = (TIME, ("time", "s")) if progress == "time" else (ROW, ("rows", "1"))
     bays = state.shape[1]
 
     def load(name: str, kind: Kind, terms: _Coefficients, text: str, price: float) -> Iterator[StateLoad]:
@@ -367,9 +378,10 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> Iterator
         if progress and term.factors == (clock,) and term.bays is None and ((), term.direction) in _LISTED:
             last = Term((), term.direction)
             lasting = load(last.key, kind, last.actions, sentence(last), price)
-            span = ("time", "s") if clock is TIME else ("rows", "1")
             yield from (SettlingLoad(x, lambda b: clock.value(b)[:, :1], span, state) for x in lasting)
-    for free in free_loads(clock, tensions_of(problem.experiment.robot.tendon_names), parts, bays):
+    tensions = tensions_of(problem.experiment.robot.tendon_names)
+    beside = lever(tip_forces(resolve(problem.data.robot, problem.data.steps)))
+    for free in (*free_loads(clock, tensions, parts, bays), beside):
         if "row" in free.depends_on and not progress:
             continue
         for bay in range(bays - 1 if free.at_tip else 0, bays):
@@ -402,6 +414,8 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> Iterator
     bent = float(np.nanmax(_size(_bending(state)), initial=0.0))
     if bent > 0.0:
         yield PermanentSet(float(size[0]), bent)
+        if progress:
+            yield Relaxation(float(size[0]) / bent, clock, span, state)
     spread = [(a, "N/m", partial(_spread, axis=i)) for i, a in enumerate("xyz")]
     kind = Kind("force", ("nothing",), "along the backbone")
     text = "a constant force along the whole backbone"
@@ -476,6 +490,16 @@ def free_loads(
             yield _FreeLoad(perturbs, f"{text}, {factor.how}", depends, direction, factor, at_tip)
 
 
+def lever(forces: Array) -> _FreeLoad:
+    """The moment of forces on the tip, shape (K, 3), that act on a point beside it; its coordinates in the section."""
+
+    def turned(state: BayState, axis: int) -> Array:
+        return np.cross(state.tip[:, :, axis], forces)
+
+    load = Factor("the force", "F", "N", CONSTANT.value, "")
+    return _FreeLoad("moment", "of a force that acts beside the tip", ("nothing",), turned, load, at_tip=True)
+
+
 class DryBending(StateLoad):
     """Dry friction within the backbone: a moment along the last change, of one size beyond some change.
 
@@ -534,6 +558,39 @@ class PermanentSet(StateLoad):
             size = np.maximum(np.linalg.norm(elastic, axis=-1, keepdims=True), 1e-300)
             left[k] = last + np.maximum(1.0 - values["limit"] / size, 0.0) * elastic
         return values["coefficient"] * _moment(left)
+
+
+class Relaxation(StateLoad):
+    """A backbone that relaxes: its curvature without load follows the curvature that it has (a Maxwell element).
+
+    Parameters
+    ----------
+    stiffness
+        A typical one [N m^2].
+    clock, span, state
+        See `SettlingLoad`.
+    """
+
+    def __init__(self, stiffness: float, clock: Factor, span: tuple[str, str], state: BayState) -> None:
+        most, step = FARTHEST * TYPICAL * stiffness, TYPICAL * stiffness
+        last, held = settling_span(*span, float(np.ptp(clock.value(state))))
+        numbers = number("coefficient", "N m^2", (-most, most), 0.0, step), last
+        kind, text = Kind("stiffness", (clock.kind,), "everywhere"), "a backbone that relaxes and creeps back"
+        super().__init__("relaxation of the backbone", kind, numbers, (), text, math.log(10.0), held)
+        self.clock, self.span = clock, last.name
+
+    def action(self, state: BayState, values: Values) -> Array:
+        """See `StateLoad.action`; between two rows the curvature changes linearly."""
+        bent, clock = _bending(state), self.clock.value(state)[:, 0] / values[self.span]
+        relaxed = np.zeros(bent.shape)
+        for k in range(1, len(bent)):
+            if not state.begins[k]:
+                passed = clock[k] - clock[k - 1]
+                left = math.exp(-passed)
+                by_change = 1.0 - (1.0 - left) / passed if passed > 0.0 else 0.0
+                follows = (1.0 - left) * bent[k - 1] + by_change * (bent[k] - bent[k - 1])
+                relaxed[k] = left * relaxed[k - 1] + follows
+        return values["coefficient"] * _moment(relaxed)
 
 
 def _follows(last: Array, change: Array) -> Array:

@@ -11,6 +11,7 @@ from searches import begun, causes_of, declared, problem_of, read_as_predicted, 
 from tdcr_fe import LoadStep, NonlinearMaterial, ParallelRouting, StribeckFriction, Tendon, effect, simulate
 from tdcr_fe.effects import Experiment
 from tdcr_fe.identify import fitting, identify, search
+from tdcr_fe.identify.bay_state import last_direction
 from tdcr_fe.identify.causes import PointForce, is_named
 from tdcr_fe.identify.criteria import BIC_DIFFERENCE, UNNAMED, price, rank
 from tdcr_fe.identify.derivatives import Request, linearize
@@ -339,6 +340,8 @@ def test_inputs_jump_at_a_row_share_are_limited_have_a_dead_zone_and_stay_behind
         ("lag of the inputs", {"share": 0.2}, behind),
         ("gain by the largest so far (all)", {"all": -0.1},
             np.maximum(given - 0.1 * np.maximum.accumulate(given), 0.0)),
+        ("gain while rising (t1)", {"t1": -0.1}, given * (1.0 - 0.1 * (last_direction(given) > 0.0) * [1, 0])),
+        ("gain while falling (all)", {"all": 0.1}, given * (1.0 + 0.1 * (last_direction(given) < 0.0))),
     ):  # fmt: skip
         acted = tensions(causes[name].apply(problem.experiment, values))
         np.testing.assert_allclose(acted, expected, atol=1e-12, err_msg=name)

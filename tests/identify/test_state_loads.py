@@ -169,6 +169,44 @@ def test_what_yields_keeps_a_share_of_its_curvature():
     np.testing.assert_array_equal(twice, np.tile(load.action(run.bays, values), (2, 1, 1)))
 
 
+def test_what_relaxes_follows_its_curvature_with_time():
+    """Closed form of the way after a ramp and while it is held; in the end EI kappa - c kappa = M."""
+    EI, span, rate = ROBOT.backbone.EI, 3.0, 0.4
+    _, problem = bent_by(np.array([2.0, 2.0]) * EI)
+    problem = problem_of(replace(problem.data, steps=tuple(
+        replace(s, time=t) for s, t in zip(problem.data.steps, (1.0, 100.0), strict=True)
+    )))  # fmt: skip
+    run, causes = causes_of(problem)
+    load, values = causes["relaxation of the backbone"], {"coefficient": 0.2 * EI, "time": span}
+    assert load.kind == ("stiffness", ("time",), "everywhere")
+    time = np.array([5.0, 6.0, 8.5, 9.0, 15.0])  # the ramp begins with the first and ends with the third row
+    bent = np.zeros((len(time), *run.bays.curvature.shape[1:]))
+    bent[..., 1] = rate * (np.minimum(time, 8.5) - 5.0)[:, None]
+    ramp = np.minimum(time - 5.0, 3.5)
+    followed = rate * (ramp - span * (1.0 - np.exp(-ramp / span)))
+    at_end = bent[-1, 0, 1]
+    held = at_end - (at_end - followed) * np.exp(-np.maximum(time - 8.5, 0.0) / span)
+    path = replace(run.bays, curvature=bent, time=time, begins=np.arange(len(time)) == 0)
+    path = BayState.joined([path] * 2)  # one sequence does not know of another
+    for bay in load.action(path, values)[..., 1].T:
+        np.testing.assert_allclose(bay, 0.2 * EI * np.tile(held, 2), rtol=1e-12, atol=1e-12)
+    last = linearize(problem, [Request((load,), {load.name: values}, ())])[0].run
+    np.testing.assert_allclose(last.bays.curvature[1, :, 1], 2.0 / (1.0 - 0.2), rtol=2e-3)
+
+
+def test_a_force_beside_the_tip_turns_it_by_its_lever():
+    """The lever turns with the section; the moment passes through all bays."""
+    problem, run, causes = declared()
+    (beside,) = [e for n, e in causes.items() if n.startswith("moment of a force that acts beside the tip")]
+    values, turned = {"x": 4e-3, "y": -2e-3, "z": 1e-3}, run.bays.tip @ (4e-3, -2e-3, 1e-3)
+    steps = problem.experiment.steps
+    forces = [s.loads["tip"].force if "tip" in s.loads else (0.0, 0.0, 0.0) for s in steps]
+    expected = np.cross(turned, forces)
+    assert np.any(expected) and beside.parameters[0].unit == "m"
+    for bay in np.moveaxis(Action(beside.action(run.bays, values), run.bays.rotation).moments, 1, 0):
+        np.testing.assert_allclose(bay, expected, atol=1e-15)
+
+
 def test_a_hardening_law_holds_in_the_arc_that_a_moment_gives():
     """EI kappa + c kappa^2 = M in every bay: the closed form of the quadratic equation."""
     moment = 4.0 * ROBOT.backbone.EI
