@@ -224,6 +224,7 @@ def gross_errors(problem: FitProblem, best: Fit, significance: float) -> str:
 
     A marker is left out in a step with all its readings where one is an outlier; what is left has to be noise. Half of
     them are twice as far off as an outlier: a wall along the backbone, taken for one at the tip, left one just above.
+    Not all of several markers in the same steps: a loose base did that in all steps without tension.
     """
     data, r = problem.data, best.residual
     where = [(x.step, x.location) for x in data.readings]
@@ -237,6 +238,8 @@ def gross_errors(problem: FitProblem, best: Fit, significance: float) -> str:
     if not is_noise(structure(rest, r[kept], len(best.free)), significance):
         return ""
     steps = sorted({step for step, _ in wrong})
+    if len(steps) < len(wrong) == len({at for at in where if at[0] in steps}):
+        return ""
     listed = ", ".join(map(str, steps[:10])) + (", ..." if len(steps) > 10 else "")
     off = f"{len(wrong)} of {count} markers and sensors, counted in every step, are far off"
     why = "their readings are wrong, or something acts in these steps alone"

@@ -249,9 +249,9 @@ class _Part:
         low, high = self.problem.bounds(e, column.parameter)
         if not low <= coordinate <= high:
             raise ValueError(f"{e.name}.{column.parameter} must be from {low:g} to {high:g}")
-        effects = [x for x in self.effects if x.name != e.name]
+        effects = self.effects if e.name in self.values else (*self.effects, e)  # in their order
         own = {**column.values, column.parameter: column.about.value(coordinate)}
-        return self._acted(self.problem.with_effects([*effects, e], {**self.values, e.name: own}))
+        return self._acted(self.problem.with_effects(effects, {**self.values, e.name: own}))
 
     def _tabulated(self, number: int) -> ModelParameter:
         """A column's parameter, with neighbours of the experiment."""

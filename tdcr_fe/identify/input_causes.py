@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from tdcr_fe.effects import Experiment, Parameter
 from tdcr_fe.effects.base import Kind, Values
@@ -113,7 +114,7 @@ class _Inputs(NamedTuple):
         commands = np.array([a.values for a in actions]).reshape(len(actions), -1)
         driven = np.flatnonzero(np.ptp(commands, axis=0) > 0.0)
         displaced = driven.size and actions[0].by_displacement[driven[0]]
-        names, sizes = tuple(tendons[i] for i in driven), np.max(np.abs(commands), axis=0, initial=0.0)
+        names, sizes = tuple(tendons[i] for i in driven), np.max(np.abs(commands), axis=0, initial=0)
         most = float(np.max(sizes, initial=0.0))
         return cls(tendons, names, tuple(sizes[driven].tolist()), most, "m" if displaced else "N")
 
@@ -136,6 +137,9 @@ class _Inputs(NamedTuple):
         def falling(u: Array, *_: Any) -> Array:
             return u * (last_direction(u) < 0.0)
 
+        def so_far(u: Array, p: Array, _: Values) -> Array:
+            return cumulative_trapezoid(np.maximum(u, 0.0), p, axis=0, initial=0)
+
         direction, another = "direction of loading", "the gain of the inputs is another one while they"
         laws: list[tuple[str, str, _InputLaw, str]] = [
             ("offset of the input", "nothing", lambda *_: 1.0, "the inputs are off by a constant"),
@@ -148,6 +152,9 @@ class _Inputs(NamedTuple):
             ("gain that settles", clock, lambda u, *x: u * settled(*x), gain_settles),
             ("offset that settles", clock, lambda u, *x: settled(*x), "the inputs drift and settle"),
         ]
+        if self.unit == "m":
+            text = "tendons give way for good, as long as they are pulled"
+            laws.append(("gain over the time so far", clock, so_far, text))
         for name, depends, shape, text in laws:
             if not depends:
                 continue

@@ -347,6 +347,33 @@ def test_inputs_jump_at_a_row_share_are_limited_have_a_dead_zone_and_stay_behind
         np.testing.assert_allclose(acted, expected, atol=1e-12, err_msg=name)
 
 
+def test_displacements_are_off_by_a_wave_of_a_spool_or_by_what_tendons_have_given_way():
+    """A spool that ran out of true was a limit of the input beside a dead zone."""
+    given, time = (
+        np.array([[0.0, 1e-3], [2e-3, 3e-3], [4e-3, 2e-3], [1e-3, 0.0]]),
+        np.array([1.0, 2.0, 4.0, 5.0]),
+    )
+    each = (dict(zip(ROBOT.tendon_names, x, strict=True)) for x in given.tolist())
+    steps = tuple(LoadStep(displacements=u, time=t) for u, t in zip(each, time.tolist(), strict=True))
+    problem = problem_of(data_of(steps, positions(Experiment(ROBOT, FRICTIONAL, steps)), ROBOT, FRICTIONAL))
+    causes = causes_of(problem)[1]
+    wave = np.sin(2.0 * np.pi * given[:, 1] / 8e-3 + 0.6) - np.sin(0.6)
+    integral = (
+        np.array([0.0, 1e-3, 7e-3, 9.5e-3]) / time[-1]
+    )  # of the first input, over the time of the last row
+    for name, values, off in (
+        (
+            "wave of the input (tendon t2)",
+            {"size": 1e-4, "period": 8e-3, "phase": 0.6},
+            [0.0 * wave, 1e-4 * wave],
+        ),
+        ("gain over the time so far (t1)", {"t1": -0.5}, [-0.5 * integral, 0.0 * wave]),
+    ):
+        steps = causes[name].apply(problem.experiment, values).steps
+        acted = [[s.displacements[n] for n in ROBOT.tendon_names] for s in steps]
+        np.testing.assert_allclose(acted, given + np.transpose(off), atol=1e-12, err_msg=name)
+
+
 def test_late_inputs_are_those_on_the_way_to_the_command_a_time_before():
     """A blind set of motors that began 2 s late, with pauses of 8 to 50 s, ended with a lag and without a verdict."""
     data = measured()
