@@ -136,9 +136,14 @@ def errors_of_inputs(problem: FitProblem, fit: Fit) -> Scatter | None:
 
 
 def _judged(problem: FitProblem, fit: Fit, sources: Sequence[_Source]) -> list[_Likeliest]:
-    """The likeliest scatter of each source that moves readings; none does where its run is not solved."""
+    """The likeliest scatter of each source that moves readings; none does where its run is not solved.
+
+    Errors of inputs are the same in either unit: where they follow something in one, they do.
+    """
     inputs = _inputs(problem.experiment)[0]
-    return [_likeliest(problem, fit, x, inputs) for x in sources if np.any(x.by)]
+    found = [_likeliest(problem, fit, x, inputs) for x in sources if np.any(x.by)]
+    followed = any(x.followed for x in found if x.source.what == "inputs")
+    return [x._replace(followed=followed) if x.source.what == "inputs" else x for x in found]
 
 
 def _most_likely(problem: FitProblem, fit: Fit, found: Sequence[_Likeliest]) -> Scatter | None:

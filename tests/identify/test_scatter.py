@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import GRAVITY, MODEL, ROBOT, data_of, positions
+from identify_data import GRAVITY, LENGTH, MODEL, ROBOT, data_of, positions
 from searches import begun, concluded, problem_of, state_of
 
-from tdcr_fe import Experiment, InputError, Load, LoadStep, Reading, effect, with_effects
+from tdcr_fe import Experiment, InputError, Load, LoadStep, Reading, effect, simulate, with_effects
 from tdcr_fe.identify import identify
 from tdcr_fe.identify.criteria import residual_is_noise
 from tdcr_fe.identify.problem import evaluate, with_elements
@@ -125,6 +125,28 @@ def test_errors_that_change_slowly_from_row_to_row_are_no_scatter():
     """They follow the row before: a stiffness that fell with time was 'errors of the inputs'."""
     slow = np.sin(0.5 * np.arange(len(PULLS)))[:, None] * np.ones((1, 2))
     assert searched(data(1.0 + 0.05 * slow, 0.0))[1] is None
+
+
+def test_errors_of_displacements_that_follow_the_tension_are_no_scatter():
+    """Tendons that stiffen as they are pulled were 'errors of the inputs', which no effect predicts."""
+    rng = np.random.default_rng(5)
+    pulled = rng.uniform(1e-3, 6e-3, 30)[:, None] * np.tile(np.eye(2), (15, 1))
+    forces = rng.normal(0.0, 0.05, (30, 3)) * (1.0, 1.0, 0.0)
+
+    def experiment(inputs):
+        each = zip(inputs.tolist(), forces.tolist(), strict=True)
+        steps = [
+            LoadStep(displacements={"t1": a, "t2": b}, loads={"tip": Load(LENGTH, tuple(f))})
+            for (a, b), f in each
+        ]
+        return Experiment(ROBOT, replace(MODEL, elements_per_bay=4), tuple(steps))
+
+    declared = experiment(pulled)
+    tension = np.array([s.base_tensions for s in simulate(ROBOT, declared.model, declared.steps).steps])
+    lost = 2e-4 * (1.0 - np.exp(-tension / np.median(tension[pulled > 0.0])))
+    lost -= np.mean(lost[pulled > 0.0])  # a mean would be an offset
+    true = experiment(pulled - lost * (pulled > 0.0))
+    assert scatter(data_of(declared.steps, positions(true, SIGMA, 1))) is None
 
 
 def test_large_errors_of_a_few_steps_are_found_there_and_are_no_noise_of_the_inputs():
