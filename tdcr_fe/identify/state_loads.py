@@ -379,7 +379,8 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> Iterator
             last = Term((), term.direction)
             lasting = load(last.key, kind, last.actions, sentence(last), price)
             yield from (SettlingLoad(x, lambda b: clock.value(b)[:, :1], span, state) for x in lasting)
-    tensions = tensions_of(problem.experiment.robot.tendon_names)
+    names = problem.experiment.robot.tendon_names
+    tensions = tensions_of(names)
     beside = lever(tip_forces(resolve(problem.data.robot, problem.data.steps)))
     for free in (*free_loads(clock, tensions, parts, bays), beside):
         if "row" in free.depends_on and not progress:
@@ -410,6 +411,11 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> Iterator
         ("bending stiffness by side", sides, "bending to one side and to the other"),
     ):
         yield from load(name, kind, own, f"{text} {differs}", math.log(10.0))
+    for (i, name), first in product(enumerate(names), range(1, bays)):
+        at = f"tendon {name}, from s = {state.edges[first]:.4g} m on"
+        own = [("share", "1", partial(_lost, tendon=i, first=first))]
+        text, price = "a share of a tendon's tension is lost", math.log(len(names) * (bays - 1))
+        yield from load(f"lost tension ({at})", Kind("transmission", ("place",), at), own, text, price)
     yield DryBending(float(size[0]), length)
     bent = float(np.nanmax(_size(_bending(state)), initial=0.0))
     if bent > 0.0:
@@ -603,6 +609,13 @@ def _follows(last: Array, change: Array) -> Array:
     free = np.minimum(length, np.maximum(taut - ahead, 0.0))
     turn, cosine = np.tanh(length - free), ahead + free
     return np.asarray(((cosine + turn) * along + np.sqrt(1.0 - turn**2) * across) / (1.0 + cosine * turn))
+
+
+def _lost(state: BayState, tendon: int, first: int) -> Array:
+    """A moment in all bays from one on against that of a tendon."""
+    moment = -state.tension[..., tendon, None] * state.lever[:, tendon]
+    moment[:, :first] = 0.0
+    return _moment(moment)
 
 
 def _by_curvature(state: BayState, axes: str) -> Array:

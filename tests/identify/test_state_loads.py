@@ -194,6 +194,18 @@ def test_what_relaxes_follows_its_curvature_with_time():
     np.testing.assert_allclose(last.bays.curvature[1, :, 1], 2.0 / (1.0 - 0.2), rtol=2e-3)
 
 
+def test_a_tendon_that_loses_all_its_tension_ends_there():
+    """But for its course in a bay, which is straight from hole to hole."""
+    problem, run, causes = declared()
+    at = float(run.bays.edges[2])
+    load = causes[f"lost tension (tendon t1, from s = {at:.4g} m on)"]
+    lost = linearize(problem, [Request((load,), {load.name: {"share": 1.0}}, ())])[0].run
+    robot = replace(ROBOT, tendons=(replace(ROBOT.tendons[0], end=at), *ROBOT.tendons[1:]))
+    (shorter,) = problem.run([Job(replace(problem.experiment, robot=robot))])
+    off, all_of_it = (np.abs(x.positions - shorter.positions).max() for x in (lost, run))
+    assert off < 0.1 * all_of_it
+
+
 def test_a_force_beside_the_tip_turns_it_by_its_lever():
     """The lever turns with the section; the moment passes through all bays."""
     problem, run, causes = declared()
