@@ -221,7 +221,7 @@ class Estimator:
             x[problem.inputs],
             result.base_tensions,
             response.base_tensions @ covariance @ response.base_tensions.T,
-            np.einsum("nip,pq,njq->nij", response.positions, covariance, response.positions, optimize=True),
+            response.positions @ covariance @ response.positions.swapaxes(1, 2),
             misfit,
             np.nan,
             message,

@@ -26,6 +26,7 @@ from tdcr_fe.estimate.most_probable import (
 from tdcr_fe.estimate.response import (
     LEAST_INSIDE,
     Response,
+    observed,
     plastic_slips,
     tensions_without_bounds,
     with_plastic_slips,
@@ -130,6 +131,11 @@ class Frame:
     readings: Sequence[Reading]
     substeps: int | None
 
+    @cached_property
+    def reads_curvatures(self) -> bool:
+        """Whether any reading is a curvature."""
+        return any(r.channel.family == "curvature" for r in self.readings)
+
     def most_probable(self, mean: Array, covariance: Array, last: Solved | None) -> Found[Solved] | None:
         """The most probable state from a prior; None where the first load step has no solution.
 
@@ -204,10 +210,9 @@ class Solved:
     @classmethod
     def of(cls, frame: Frame, unknowns: Array, report: LoadStepReport) -> Solved:
         """The present state of the simulation."""
-        simulation, observation = frame.problem.simulation, frame.problem.observation
-        names, result = simulation.handle.robot.tendon_names, simulation.result(0, "", report)
-        observed = ObservedStep.of(result, names, observation)
-        return cls(frame, unknowns, report, simulation.position, observed)
+        simulation = frame.problem.simulation
+        seen = observed(simulation, frame.problem.observation, frame.reads_curvatures)
+        return cls(frame, unknowns, report, simulation.position, seen)
 
     @property
     def simulation(self) -> Simulation:
@@ -220,15 +225,19 @@ class Solved:
     @cached_property
     def _by_node(self) -> Response:
         """Derivatives by inputs, loads on all nodes that may carry it, and plastic slips."""
-        giving, observed = self.giving, self.observed
-        missed = [
-            (r.value - r.channel.predict(observed, [r.location])[0]) / r.sigma for r in self.frame.readings
-        ]
+        giving, wound = self.giving, self.frame.commands.by_displacement
         # Far from the readings slack tendons count as taut: else no reading could show that they are.
-        if giving is None and np.dot(missed, missed) > PLAUSIBLE * len(missed):
-            giving = np.zeros(len(self.frame.problem.input_sigmas))
-        curvatures = any(r.channel.family == "curvature" for r in self.frame.readings)
-        return Response.of(self.simulation, self.frame.problem.loaded, self.sticking, giving, curvatures)
+        if giving is None and wound.any() and self._is_far:
+            giving = np.zeros(len(wound))
+        loaded, curvatures = self.frame.problem.loaded, self.frame.reads_curvatures
+        return Response.of(self.simulation, loaded, self.sticking, giving, curvatures)
+
+    @property
+    def _is_far(self) -> bool:
+        """Whether it does not explain the readings."""
+        found = [(r, r.channel.predict(self.observed, [r.location])[0]) for r in self.frame.readings]
+        missed = [(r.value - value) / r.sigma for r, value in found]
+        return bool(np.dot(missed, missed) > PLAUSIBLE * len(missed))
 
     @cached_property
     def response(self) -> Response:
