@@ -33,6 +33,7 @@ from tdcr_fe.estimate.response import (
     within_bounds,
 )
 from tdcr_fe.io.readings import Reading
+from tdcr_fe.model.channels import by_differences
 from tdcr_fe.model.loading import Actuation, Load
 from tdcr_fe.model.observed_step import ObservedStep
 from tdcr_fe.solve.equations.configuration import SolverState, StoredState
@@ -275,11 +276,10 @@ class Solved:
         Both over their standard deviations, shapes (n_readings,) and (n_readings, P).
         """
         moved, h = self._moved
-        sigmas = np.array([r.sigma for r in readings], dtype=float)
-        found = [r.channel.differences(moved, h, [r.location]) for r in readings]
-        missed = [r.value - values[0] for r, (values, _) in zip(readings, found, strict=True)]
-        slopes = np.reshape([of for _, of in found], (len(sigmas), h.size))
-        return np.array(missed) / sigmas, slopes / sigmas[:, None]
+        read = np.array([(r.value, r.sigma) for r in readings], dtype=float).reshape(-1, 2)
+        found = [r.channel.predict(moved, [r.location]) for r in readings]
+        predicted = np.hstack((np.zeros((len(moved.positions), 0)), *found))
+        return (read[:, 0] - predicted[0]) / read[:, 1], by_differences(predicted, h) / read[:, 1:]
 
     @cached_property
     def _of_frame(self) -> tuple[Array, Array]:
