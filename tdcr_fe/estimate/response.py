@@ -105,23 +105,14 @@ def at_anchors(simulation: Simulation, tensions: Array) -> Array:
 
 def observed(simulation: Simulation, observation: Observation, curvatures: bool = True) -> ObservedStep:
     """The last solved state as an instrument sees it; for ``curvatures`` see `Response.of`."""
-    handle, state = simulation.handle, simulation.state
-    (positions, rotations), own = state.configuration.poses[0], handle.actuation.current_forces()
-    rates = None
+    handle, configuration, rates = simulation.handle, simulation.state.configuration, None
+    (positions, rotations), own = configuration.poses[0], handle.actuation.current_forces()
     if curvatures:
-        strained = own.model.strain_state(state.configuration.twists[0], own.base_tension)
+        strained = own.model.strain_state(configuration.twists[0], own.base_tension)
         rates = strained.curvature_rates() @ BEAM_TO_SECTION.T
-    return ObservedStep(
-        handle.arc_lengths,
-        positions,
-        rotations @ BEAM_TO_SECTION.T,
-        simulation.displacement,
-        own.base_tension,
-        at_anchors(simulation, own.field.tension),
-        handle.robot.tendon_names,
-        observation,
-        rates,
-    )
+    shape = handle.arc_lengths, positions, rotations @ BEAM_TO_SECTION.T
+    tensions = simulation.displacement, own.base_tension, at_anchors(simulation, own.field.tension)
+    return ObservedStep(*shape, *tensions, handle.robot.tendon_names, observation, rates)
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,11 +173,9 @@ class Response(ObservedChange):
         chain, size = state.configuration.chains[0], changes.unknowns.shape[-1]
         rates = np.zeros((len(chain.twists), 2, 3, size))
         if curvatures:
-            moving = chain.changes(in_sections.reshape(len(positions), 6, size)), tendons.base_tension
-            forces = solved.forces[0].model
-            rates = BEAM_TO_SECTION @ forces.curvature_rates_change(
-                chain.twists, state.base_tension[0], *moving
-            )
+            twists = chain.changes(in_sections.reshape(len(positions), 6, size))
+            given = chain.twists, state.base_tension[0], twists, tendons.base_tension
+            rates = BEAM_TO_SECTION @ solved.forces[0].model.curvature_rates_change(*given)
         displacements, m = tendons.released.sum(axis=1), len(law.frictional)
         wound = np.eye(m, displacements.shape[1])
         gaps = np.where(winds[:, None], displacements, 0.0) - wound
