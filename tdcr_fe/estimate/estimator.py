@@ -18,6 +18,7 @@ from tdcr_fe.effects import Observation
 from tdcr_fe.elements import Array
 from tdcr_fe.estimate.description import Estimate, InputPrior, LoadPrior, memory
 from tdcr_fe.estimate.frame import PLACE, Frame, Problem, Solved, Volume, name_at
+from tdcr_fe.estimate.most_probable import posterior_covariance
 from tdcr_fe.estimate.response import Response, plastic_slips
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import Actuation, Load, LoadStep, Model, SolverSettings, resolve
@@ -174,13 +175,14 @@ class Estimator:
         state, history = found.point, self._problem.history
         for _ in range(STATES - found.states if read else 0):
             self._volume = self._volume.renewed(state, held)
-        response, likely = state.with_likely_states(covariance)
+        self.simulation.position = state.position
+        after = posterior_covariance(covariance, state.jacobian)
+        response, likely = state.with_likely_states(covariance, after)
         self.simulation.return_to(Position(state.moved(found.unknowns)))
         self._mean, self._last = found.unknowns.copy(), state
         self._mean[history] = plastic_slips(self.simulation, self.simulation.state)
-        carried = np.eye(len(mean))
-        carried[history] = state.response.plastic_slips
-        after = carried @ found.covariance @ carried.T
+        carried = np.vstack((np.eye(len(mean))[: history.start], state.response.plastic_slips))
+        after = carried @ after @ carried.T
         self._covariance = 0.5 * (after + after.T)
         return self._estimate(state, found.unknowns, response, likely, found.misfit, "")
 
@@ -221,7 +223,7 @@ class Estimator:
             x[problem.inputs],
             result.base_tensions,
             response.base_tensions @ covariance @ response.base_tensions.T,
-            np.einsum("nip,pq,njq->nij", response.positions, covariance, response.positions, optimize=True),
+            response.positions @ covariance @ response.positions.swapaxes(1, 2),
             misfit,
             np.nan,
             message,

@@ -16,22 +16,18 @@ from scipy.linalg import block_diag
 
 from tdcr_fe.effects import Observation
 from tdcr_fe.elements import Array, Index
-from tdcr_fe.estimate.most_probable import (
-    PLAUSIBLE,
-    Found,
-    linear_start,
-    most_probable,
-    posterior_covariance,
-)
+from tdcr_fe.estimate.most_probable import PLAUSIBLE, Found, linear_start, most_probable, posterior_covariance
 from tdcr_fe.estimate.response import (
     LEAST_INSIDE,
     Response,
+    observed,
     plastic_slips,
     tensions_without_bounds,
     with_plastic_slips,
     within_bounds,
 )
 from tdcr_fe.io.readings import Reading
+from tdcr_fe.model.channels import by_differences
 from tdcr_fe.model.loading import Actuation, Load
 from tdcr_fe.model.observed_step import ObservedStep
 from tdcr_fe.solve.equations.configuration import SolverState, StoredState
@@ -64,7 +60,7 @@ class Problem:
     loaded: Index
     input_sigmas: Array  # (m,): Standard deviations of the inputs
 
-    @cached_property
+    @property
     def s(self) -> Array:
         """Arc lengths of the nodes [m]."""
         return self.simulation.handle.arc_lengths
@@ -130,17 +126,27 @@ class Frame:
     readings: Sequence[Reading]
     substeps: int | None
 
+    @cached_property
+    def reads_curvatures(self) -> bool:
+        """Whether any reading is a curvature."""
+        return any(r.channel.family == "curvature" for r in self.readings)
+
+    def is_far_from(self, seen: ObservedStep) -> bool:
+        """Whether a state does not explain the readings."""
+        missed = [(r.value - r.channel.predict(seen, [r.location])[0]) / r.sigma for r in self.readings]
+        return bool(np.dot(missed, missed) > PLAUSIBLE * len(missed))
+
     def most_probable(self, mean: Array, covariance: Array, last: Solved | None) -> Found[Solved] | None:
         """The most probable state from a prior; None where the first load step has no solution.
 
         ``last``: the state of the frame before, where it is a guide.
         """
-        attempts: list[tuple[Frame, Array, Solved | None]] = [(self, np.zeros(len(mean)), None)]
+        none = np.zeros(len(mean))
+        attempts: list[tuple[Frame, Array, Solved | None]] = [(self, none, None)]
         if last is not None:
             resolved = replace(self, substeps=None)  # takes long
             start = last.start_of(self, mean, covariance)
-            attempts = [(self, start, last), *attempts, (resolved, np.zeros(len(mean)), None)]
-        found = None
+            attempts = [(self, start, last), *attempts, (resolved, none, None)]
         for frame, begin, near in attempts:
             found = frame._found_from(mean, covariance, begin, near)
             if found is not None and found.converged:
@@ -170,8 +176,7 @@ class Frame:
             if found is None:
                 return None
             at = found.point
-            misfit = found.misfit + shift**2 / variance
-            found = replace(found, misfit=misfit, covariance=posterior_covariance(covariance, at.jacobian))
+            found = replace(found, misfit=found.misfit + shift**2 / variance)
         return found
 
     def solved(self, unknowns: Array, near: Solved | None = None) -> Solved | None:
@@ -180,9 +185,7 @@ class Frame:
         change = unknowns[self.problem.history] - plastic_slips(simulation, state)
         try:
             simulation.begin_from(with_plastic_slips(simulation, state, change))
-            ends = []
-            if near is not None and self.substeps == 1:
-                ends = [Increment(1.0, near.towards(self, unknowns))]
+            ends = [Increment(1.0, near.towards(self, unknowns))] if near and self.substeps == 1 else []
             report = simulation.advance(self.problem.actuation(self.commands, unknowns), self.substeps, ends)
         except (StepFailed, np.linalg.LinAlgError):
             return None
@@ -198,42 +201,23 @@ class Solved:
     report: LoadStepReport
     position: Position
     observed: ObservedStep
-    sticking: Array | None = None  # Shares of the slips that holes follow, see `Response.of`
-    giving: Array | None = None  # How much tendons give way at their base, see `Response.of`
+    by_node: Response  # Derivatives by inputs, loads on all nodes that may carry it, and plastic slips
 
     @classmethod
     def of(cls, frame: Frame, unknowns: Array, report: LoadStepReport) -> Solved:
         """The present state of the simulation."""
-        simulation, observation = frame.problem.simulation, frame.problem.observation
-        names, result = simulation.handle.robot.tendon_names, simulation.result(0, "", report)
-        observed = ObservedStep.of(result, names, observation)
-        return cls(frame, unknowns, report, simulation.position, observed)
-
-    @property
-    def simulation(self) -> Simulation:
-        """The simulation, in this state."""
-        found = self.frame.problem.simulation
-        if found.position is not self.position:
-            found.return_to(self.position)
-        return found
-
-    @cached_property
-    def _by_node(self) -> Response:
-        """Derivatives by inputs, loads on all nodes that may carry it, and plastic slips."""
-        giving, observed = self.giving, self.observed
-        missed = [
-            (r.value - r.channel.predict(observed, [r.location])[0]) / r.sigma for r in self.frame.readings
-        ]
+        problem, wound, simulation = frame.problem, frame.commands.by_displacement, frame.problem.simulation
+        seen = observed(simulation, problem.observation, frame.reads_curvatures)
         # Far from the readings slack tendons count as taut: else no reading could show that they are.
-        if giving is None and np.dot(missed, missed) > PLAUSIBLE * len(missed):
-            giving = np.zeros(len(self.frame.problem.input_sigmas))
-        curvatures = any(r.channel.family == "curvature" for r in self.frame.readings)
-        return Response.of(self.simulation, self.frame.problem.loaded, self.sticking, giving, curvatures)
+        taut = wound.any() and frame.is_far_from(seen)
+        giving = np.zeros(len(wound)) if taut else None
+        by_node = Response.of(simulation, problem.loaded, None, giving, frame.reads_curvatures)
+        return cls(frame, unknowns, report, simulation.position, seen, by_node)
 
     @cached_property
     def response(self) -> Response:
         """Derivatives by the unknowns."""
-        return self._by_node.combined(self._by_unknowns)
+        return self.by_node.combined(self._by_unknowns)
 
     @cached_property
     def _by_unknowns(self) -> Array:
@@ -248,7 +232,7 @@ class Solved:
         problem = self.frame.problem
         shares, m = problem.shares(place)[0], len(problem.input_sigmas)
         ends = m + 6 * len(shares)
-        found = np.zeros((self._by_node.positions.shape[-1], len(self.unknowns)))
+        found = np.zeros((self.by_node.positions.shape[-1], len(self.unknowns)))
         found[:m, problem.inputs] = np.diag(problem.acting(self.frame.commands, self.unknowns)[1])
         found[m:ends, LOAD] = (shares[:, None, None] * np.eye(6)).reshape(-1, 6)
         found[ends:, problem.history] = np.eye(len(found) - ends)
@@ -256,21 +240,20 @@ class Solved:
 
     @cached_property
     def _moved(self) -> tuple[ObservedStep, Array]:
-        """The state as it is observed, with small changes of the parameters of `_by_node`, and these."""
-        h = self._by_node.difference_steps(self.observed)
-        return self.observed.moved(self._by_node, h), h
+        """The state as it is observed, with small changes of the parameters of `by_node`, and these."""
+        h = self.by_node.difference_steps(self.observed)
+        return self.observed.moved(self.by_node, h), h
 
     def _compared(self, readings: Sequence[Reading]) -> tuple[Array, Array]:
-        """Readings less their predictions, and derivatives of these by the parameters of `_by_node`.
+        """Readings less their predictions, and derivatives of these by the parameters of `by_node`.
 
         Both over their standard deviations, shapes (n_readings,) and (n_readings, P).
         """
         moved, h = self._moved
-        sigmas = np.array([r.sigma for r in readings], dtype=float)
-        found = [r.channel.differences(moved, h, [r.location]) for r in readings]
-        missed = [r.value - values[0] for r, (values, _) in zip(readings, found, strict=True)]
-        slopes = np.reshape([of for _, of in found], (len(sigmas), h.size))
-        return np.array(missed) / sigmas, slopes / sigmas[:, None]
+        read = np.array([(r.value, r.sigma) for r in readings], dtype=float).reshape(-1, 2)
+        found = [r.channel.predict(moved, [r.location]) for r in readings]
+        predicted = np.hstack((np.zeros((len(moved.positions), 0)), *found))
+        return (read[:, 0] - predicted[0]) / read[:, 1], by_differences(predicted, h) / read[:, 1:]
 
     @cached_property
     def _of_frame(self) -> tuple[Array, Array]:
@@ -287,8 +270,10 @@ class Solved:
         """See `tdcr_fe.estimate.most_probable.SolvedState`."""
         return self._of_frame[1] @ self._by_unknowns
 
-    def with_likely_states(self, prior: Array) -> tuple[Response, Array]:
+    def with_likely_states(self, prior: Array, covariance: Array) -> tuple[Response, Array]:
         """Derivatives and covariance given the readings; holes stick and tendons are taut with their probability.
+
+        The simulation has to be in this state.
 
         Within the uncertainty of the unknowns, a hole near stick and slip, or a tendon near slack, is linear in none of
         them: its mobilisation or tension is a line through all of its values and an error of this line (statistical
@@ -296,8 +281,8 @@ class Solved:
 
         Parameters
         ----------
-        prior
-            Covariance of the unknowns before the readings, shape (n, n).
+        prior, covariance
+            Covariance of the unknowns before the readings and after them, shape (n, n).
 
         Returns
         -------
@@ -305,11 +290,15 @@ class Solved:
         covariance : ndarray, shape (n + k + m, n + k + m)
             Of the unknowns, and of the errors of holes and tendons in units of their standard deviation.
         """
-        problem, simulation, commands = self.frame.problem, self.simulation, self.frame.commands
-        history, inputs, by_node = problem.history, problem.inputs, self._by_node
-        by = self._by_unknowns.copy()
+        problem, frame, commands = self.frame.problem, self.frame, self.frame.commands
+        history, inputs, by_node, simulation = (
+            problem.history,
+            problem.inputs,
+            self.by_node,
+            problem.simulation,
+        )
+        by, law = self._by_unknowns.copy(), simulation.handle.actuation.law
         wound, scale, m = commands.by_displacement, commands.drives.scale, len(commands.values)
-        law, covariance = simulation.handle.actuation.law, posterior_covariance(prior, self.jacobian)
 
         def spread(by_node: Array) -> Array:
             changes = by_node @ by
@@ -335,11 +324,12 @@ class Solved:
 
         likely = self
         if len(slips) or np.any(np.abs(taut - counted)[wound] > LEAST_INSIDE):
-            likely = replace(self, sticking=sticking, giving=giving)
+            by_node = Response.of(simulation, problem.loaded, sticking, giving, frame.reads_curvatures)
+            likely = replace(self, by_node=by_node)
         weights = np.hstack((by, by[:, history] * as_slip, by[:, inputs] * as_input))
         jacobian = likely._of_frame[1] @ weights
         wider = posterior_covariance(block_diag(prior, np.eye(len(slips) + m)), jacobian)
-        return likely._by_node.combined(weights), wider
+        return by_node.combined(weights), wider
 
     def _change_to(self, frame: Frame, unknowns: Array) -> Array:
         """Of the unknowns, to those of its frame or of the next one, which begins where this state ends."""

@@ -62,7 +62,6 @@ class Found(Generic[P]):
     unknowns: Array  # (n,): Where the linear model there has its least misfit; or as solved, where that is not trusted
     misfit: float
     possible_gain: float  # By how much the linear model could still lower the misfit [1]
-    covariance: Array  # (n, n): Of the unknowns
     states: int  # That were solved
 
     @property
@@ -129,8 +128,7 @@ def most_probable(
             break
         point, v, before = better, v + step, linear.length(step)
         value = misfit(v, point)
-    covariance_after = posterior_covariance(covariance, point.jacobian)
-    return Found(point, mean + covariance @ v, value, gain, covariance_after, states)
+    return Found(point, mean + covariance @ v, value, gain, states)
 
 
 def linear_start(covariance: Array, residual: Array, jacobian: Array) -> Array:

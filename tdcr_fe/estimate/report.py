@@ -128,9 +128,8 @@ def _page(result: EstimateResult) -> Page:
     where = "at an unknown place" if unknown else f"at {quantity(frames[0].at, 'm')}"
     motion = replace(motion_of(sequence(result)), ellipsoids=tuple(map(_ellipsoid, frames)))
     panel = viewer.panel(motion)
-    typical = [
-        float(np.median(x)) if x.size else 0.0 for x in (np.linalg.norm(sigma, axis=1), sigma_tensions)
-    ]
+    sizes = np.linalg.norm(sigma, axis=1), sigma_tensions, 1e-3 * np.array([f.milliseconds for f in frames])
+    typical = [float(np.median(x)) if x.size else 0.0 for x in sizes]
     return Page(
         title=f"Estimated states of {result.estimation.data.robot.name}",
         verdict=f"The largest estimated force {where} is {largest}, at {frames[most].time:.4g} s.",
@@ -140,9 +139,7 @@ def _page(result: EstimateResult) -> Page:
             Card(str(len(frames)), "frames"),
             Card(quantity(typical[0], "N"), "standard deviation of the force, median"),
             Card(quantity(typical[1], "N"), "standard deviation of a tension, median"),
-            Card(
-                quantity(1e-3 * float(np.median([f.milliseconds for f in frames])), "s"), "per frame, median"
-            ),
+            Card(quantity(typical[2], "s"), "per frame, median"),
         ),
         pictures=tuple(pictures),
         sections=(

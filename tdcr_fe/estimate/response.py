@@ -13,11 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import ndtr
 
+from tdcr_fe.effects import Observation
 from tdcr_fe.elements import Array, Index
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.hysteresis import ACCEPTED
-from tdcr_fe.model.observed_step import ObservedChange
+from tdcr_fe.model.observed_step import ObservedChange, ObservedStep
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.linearization import BorderedFactors
 from tdcr_fe.solve.sensitivities.linear_response import Disturbance, SolvedPoint
@@ -96,6 +97,24 @@ def tensions_without_bounds(simulation: Simulation) -> tuple[Array, Array]:
     return tensions, compliances
 
 
+def at_anchors(simulation: Simulation, tensions: Array) -> Array:
+    """Of the segments, shape (m, n, ...), those that end at the anchors, shape (m, ...)."""
+    exists = simulation.handle.actuation.law.parameters.mask
+    return tensions[np.arange(len(exists)), exists.sum(axis=1) - 1]
+
+
+def observed(simulation: Simulation, observation: Observation, curvatures: bool = True) -> ObservedStep:
+    """The last solved state as an instrument sees it; for ``curvatures`` see `Response.of`."""
+    handle, configuration, rates = simulation.handle, simulation.state.configuration, None
+    (positions, rotations), own = configuration.poses[0], handle.actuation.current_forces()
+    if curvatures:
+        strained = own.model.strain_state(configuration.twists[0], own.base_tension)
+        rates = strained.curvature_rates() @ BEAM_TO_SECTION.T
+    shape = handle.arc_lengths, positions, rotations @ BEAM_TO_SECTION.T
+    tensions = simulation.displacement, own.base_tension, at_anchors(simulation, own.field.tension)
+    return ObservedStep(*shape, *tensions, handle.robot.tendon_names, observation, rates)
+
+
 @dataclass(frozen=True, eq=False)
 class Response(ObservedChange):
     """Derivatives of a solved state, also of its history of friction; parameters are the last axis.
@@ -154,16 +173,13 @@ class Response(ObservedChange):
         chain, size = state.configuration.chains[0], changes.unknowns.shape[-1]
         rates = np.zeros((len(chain.twists), 2, 3, size))
         if curvatures:
-            moving = chain.changes(in_sections.reshape(len(positions), 6, size)), tendons.base_tension
-            forces = solved.forces[0].model
-            rates = BEAM_TO_SECTION @ forces.curvature_rates_change(
-                chain.twists, state.base_tension[0], *moving
-            )
+            twists = chain.changes(in_sections.reshape(len(positions), 6, size))
+            given = chain.twists, state.base_tension[0], twists, tendons.base_tension
+            rates = BEAM_TO_SECTION @ solved.forces[0].model.curvature_rates_change(*given)
         displacements, m = tendons.released.sum(axis=1), len(law.frictional)
         wound = np.eye(m, displacements.shape[1])
         gaps = np.where(winds[:, None], displacements, 0.0) - wound
         displacements[winds] = wound[winds]
-        ends = [len(x) - 1 for x in simulation.handle.tensions().values()]
         mobilisations = tendons.mobilisation[law.frictional]
         slips = (law.slip_operator @ tendons.released)[law.frictional]
         return cls(
@@ -172,7 +188,7 @@ class Response(ObservedChange):
             rates,
             displacements,
             tendons.base_tension,
-            tendons.tension[np.arange(m), ends],
+            at_anchors(simulation, tendons.tension),
             np.zeros((len(positions), displacements.shape[1])),  # nodes stay where they are on the backbone
             slips - law.hysteresis.presliding * mobilisations,
             mobilisations,

@@ -16,7 +16,7 @@ from tdcr_fe.io.measured import MeasuredData, first_checks, large_sigma, read_me
 from tdcr_fe.io.problems import Problem, Reporter, read_all
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.io.toml import read_toml
-from tdcr_fe.model.loading import Load, LoadStep
+from tdcr_fe.model.loading import Load, LoadStep, SolverSettings
 from tdcr_fe.model.messages import PlausibilityWarning, count, issue, shown
 from tdcr_fe.model.plausibility import plausibility
 from tdcr_fe.model.schema import FieldError, Keys, Quantity
@@ -199,7 +199,7 @@ def run_estimation(
         estimation.inputs,
         steps=steps,
         observation=experiment.observation,
-        settings=data.settings,
+        settings=None if data.settings == SolverSettings() else data.settings,
     )
     frames: list[Estimate] = []
     interrupted = False

@@ -15,7 +15,7 @@ from tdcr_fe.effects import Experiment
 from tdcr_fe.elements import Array, Flags, Index
 from tdcr_fe.identify.bay_state import Action, BayState, Response
 from tdcr_fe.io.readings import Reading
-from tdcr_fe.model.channels import Channel, Location, channel
+from tdcr_fe.model.channels import Channel, Location, by_differences, channel
 from tdcr_fe.model.observed_step import ObservedChange, ObservedStep
 from tdcr_fe.model.results import StepResult
 from tdcr_fe.scene.mesh import build_mesh
@@ -320,5 +320,5 @@ class Readings:
                 mine = np.flatnonzero(self.step[which] == k)
                 if mine.size:
                     places = [locations[i] for i in mine]
-                    out[which[mine]] = known.differences(moved, h, places)[1]
+                    out[which[mine]] = by_differences(known.predict(moved, places), h)
         return out

@@ -95,18 +95,16 @@ class Channel:
             Of the readings, k of them.
         """
         h = change.difference_steps(step)
-        return self.differences(step.moved(change, h), h, locations)[1]
+        return by_differences(self.predict(step.moved(change, h), locations), h)
 
-    def differences(
-        self, moved: ObservedStep, h: Array, locations: Sequence[Location]
-    ) -> tuple[Array, Array]:
-        """Values, shape (k,), and `derivatives` from steps that `ObservedStep.moved` has changed by ``h``."""
-        found = self.predict(moved, locations)
-        here, (ahead, behind) = found[0], found[1:].reshape(2, h.size, -1)
-        bend = np.abs(ahead - here) + np.abs(behind - here)
-        at_zero = np.abs(ahead + behind - 2.0 * here) > 0.5 * bend
-        changes = np.where(at_zero, ahead - here, 0.5 * (ahead - behind))
-        return here, np.asarray(changes / h[:, None]).T
+
+def by_differences(found: Array, h: Array) -> Array:
+    """`Channel.derivatives` from predictions in steps that `ObservedStep.moved` has changed by ``h``, (1 + 2 P, k)."""
+    here, (ahead, behind) = found[0], found[1:].reshape(2, h.size, -1)
+    bend = np.abs(ahead - here) + np.abs(behind - here)
+    at_zero = np.abs(ahead + behind - 2.0 * here) > 0.5 * bend
+    changes = np.where(at_zero, ahead - here, 0.5 * (ahead - behind))
+    return np.asarray(changes / h[:, None]).T
 
 
 def arc_lengths(locations: Sequence[Location]) -> Array:

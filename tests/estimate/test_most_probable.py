@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import minimize
 
 from tdcr_fe.estimate.frame import Volume
-from tdcr_fe.estimate.most_probable import most_probable
+from tdcr_fe.estimate.most_probable import most_probable, posterior_covariance
 
 
 def at(residual, jacobian, **rest):
@@ -28,15 +28,15 @@ def test_a_linear_problem_has_mean_and_covariance_of_the_kalman_filter_also_with
     gain = prior @ h.T @ np.linalg.inv(spread)
     expected = mean + gain @ innovation
     np.testing.assert_allclose(found.point.residual, y - h @ expected, atol=1e-9)
-    np.testing.assert_allclose(found.covariance, prior - gain @ h @ prior, atol=1e-9)
+    np.testing.assert_allclose(posterior_covariance(prior, h), prior - gain @ h @ prior, atol=1e-9)
     assert found.misfit == pytest.approx(innovation @ np.linalg.solve(spread, innovation))
     assert found.converged
 
 
 def test_without_readings_the_prior_stays():
-    found = most_probable(linear(np.zeros((0, 2)), np.zeros(0)), np.ones(2), np.diag([1.0, 4.0]), np.zeros(2))
-    assert found.misfit == 0.0
-    np.testing.assert_array_equal(found.covariance, np.diag([1.0, 4.0]))
+    none, prior = np.zeros((0, 2)), np.diag([1.0, 4.0])
+    assert most_probable(linear(none, np.zeros(0)), np.ones(2), prior, np.zeros(2)).misfit == 0.0
+    np.testing.assert_array_equal(posterior_covariance(prior, none), prior)
 
 
 def test_a_strongly_curved_problem_ends_at_the_least_misfit():

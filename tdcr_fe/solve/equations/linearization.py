@@ -329,7 +329,7 @@ def damping_of_node(damping: float, length: float) -> Array:
 
     Forces act by a lever of the length [m].
     """
-    return damping * np.repeat((1.0 / length**2, 1.0), 3)
+    return np.array([damping / length**2] * 3 + [damping] * 3)
 
 
 def hold(k: Array, bases: Sequence[slice]) -> None:
