@@ -291,12 +291,8 @@ class Solved:
             Of the unknowns, and of the errors of holes and tendons in units of their standard deviation.
         """
         problem, frame, commands = self.frame.problem, self.frame, self.frame.commands
-        history, inputs, by_node, simulation = (
-            problem.history,
-            problem.inputs,
-            self.by_node,
-            problem.simulation,
-        )
+        history, inputs = problem.history, problem.inputs
+        by_node, simulation = self.by_node, problem.simulation
         by, law = self._by_unknowns.copy(), simulation.handle.actuation.law
         wound, scale, m = commands.by_displacement, commands.drives.scale, len(commands.values)
 
