@@ -9,15 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from inputs import write
-from robots import BACKBONE, LENGTH, paper, seven, single, three
+from robots import BACKBONE, LENGTH, MODEL, paper, seven, single, three
 
 from tdcr_fe import Disks, InputError, Load, LoadStep, Model, Robot, Tendon, read_scenario, simulate
 from tdcr_fe.effects import EFFECTS, Experiment, effect, with_effect, with_effects
 from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
 from tdcr_fe.model.backbone import Backbone, Superelastic
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting
-
-MODEL = Model(elements_per_bay=1)
 
 
 def pulled(*tensions, **loads):

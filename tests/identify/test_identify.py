@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from identify_data import FRICTIONAL, GRAVITY, LENGTH, MODEL, ROBOT, data_of, measured, positions, simulated
-from searches import begun, concluded, problem_of, state_of, with_model
+from searches import begun, concluded, fitted, problem_of, state_of, with_model
 
 from tdcr_fe import Experiment, Reading, StiffnessPatch, effect, simulate, with_effects
 from tdcr_fe.cli import main
@@ -86,9 +86,8 @@ def test_what_leaves_more_than_noise_is_not_called_explained(effects, verdict):
 def test_held_out_readings_do_not_act_on_a_fit():
     data, held = measured(GRAVITY), (9, 10, 11)
     off = [replace(r, value=r.value + 0.01 * (r.step in held)) for r in data.readings]
-    start = {"gravity": {"g_x": 0.0, "g_y": 0.0, "g_z": 0.0}}
     both = (data, replace(data, readings=tuple(off)))
-    values = [fitting.fit(problem_of(x, held), (effect("gravity"),), start).values for x in both]
+    values = [fitted(problem_of(x, held), effect("gravity")).values for x in both]
     assert values[0]["gravity"] == pytest.approx(values[1]["gravity"], abs=1e-6)
 
 

@@ -81,6 +81,7 @@ def test_hole_on_the_rim_is_not_outside(tmp_path):
 # --------------------------------------------------------------------------------------------- what is wrong
 
 NAN = float("nan")
+WITHOUT_COUNT = {"disks.count": REMOVED}
 ROBOT_MISTAKES = [
     # change, key, value, words of what is allowed
     ({"backbone.lenght": 1.0}, "backbone.lenght", "1.0", ["unknown key", "did you mean length?", "radius"]),
@@ -115,9 +116,6 @@ ROBOT_MISTAKES = [
     ({"tendons.2.end": 0.15}, "tendons[2].holes", "6 holes", ["4 are needed"]),
     ({"tendons.3.friction": {"kind": "stribek"}}, "tendons[3].friction.kind", '"stribek"', ["mean stribeck?"]),
     ({"tendons.3.friction": {"kind": "constant"}}, "tendons[3].friction.mu", "", ["missing"]),
-]  # fmt: skip
-WITHOUT_COUNT = {"disks.count": REMOVED}
-ROBOT_MISTAKES += [
     ({**WITHOUT_COUNT, "disks.positions": [0.05, 0.04, 0.25]}, "disks.positions", "[0.05, 0.04, 0.25]", ["ascend"]),
     ({**WITHOUT_COUNT, "disks.positions": [0.15, 0.26]}, "disks.positions[1]", "0.26", ["beyond the tip"]),
     ({**WITHOUT_COUNT, "disks.positions": []}, "disks.positions", "[]", ["arc lengths"]),
@@ -325,19 +323,19 @@ def test_what_the_format_cannot_express_is_refused_and_named():
 
 # ------------------------------------------------------------------------------------------------- the docs
 
-PAGE = Path(__file__).parents[2] / "docs" / "files.md"
+PAGE = (Path(__file__).parents[2] / "docs" / "files.md").read_text("utf-8")
+EXAMPLES = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)[:2]
 
 
 def test_example_in_the_docs_is_read_without_mistake(tmp_path):
-    robot, scenario, *_ = re.findall(r"```toml\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
-    read = read_scenario(write(tmp_path, robot, scenario))
+    read = read_scenario(write(tmp_path, *EXAMPLES))
     assert [len(read.robot.holes(t)) for t in read.robot.tendons] == [11, 6, 11, 3]
     assert [s.label for s in read.steps] == ["pull", "push the tip", "twist and let go"]
 
 
 def test_example_of_mistakes_in_the_docs_is_what_is_printed(tmp_path, monkeypatch):
-    robot, scenario, *_ = re.findall(r"```toml\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
-    (printed,) = re.findall(r"```text\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
+    (printed,) = re.findall(r"```text\n(.*?)```", PAGE, re.DOTALL)
+    robot, scenario = EXAMPLES
     robot = robot.replace("end = 0.125", "end = 0.13").replace("[backbone]", "[backbone]\nlenght = 0.25")
     scenario = scenario.replace("per-hole", "per_hole").replace("free = 0.2", "t2 = 1.5")
     write(tmp_path, robot, scenario)

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robots import BACKBONE, LENGTH, paper, pull, routed, seven, simulation
+from robots import BACKBONE, LENGTH, MODEL, paper, pull, routed, seven, simulation
 from scenes import scene
 
 from tdcr_fe import HelicalRouting, Simulation, Superelastic
-from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, resolve
+from tdcr_fe.model.loading import LoadStep, SolverSettings, resolve
 from tdcr_fe.solve.equations.configuration import Target
 from tdcr_fe.solve.equations.linearization import input_changes
 from tdcr_fe.solve.equations.system import SceneSystem
@@ -61,9 +61,6 @@ def test_a_stored_state_is_small_and_starts_another_run():
 
 
 # ------------------------------------------------------------ prediction
-
-
-MODEL = Model(friction="per-hole", elements_per_bay=1)
 
 
 def predict_from(arm, *inputs):
