@@ -21,7 +21,7 @@ from tdcr_fe.identify.forward import Job
 from tdcr_fe.identify.problem import evaluate, with_elements
 from tdcr_fe.identify.report import render
 from tdcr_fe.identify.screening import screen
-from tdcr_fe.identify.sentences import headline, summary
+from tdcr_fe.identify.sentences import sentences, summary
 from tdcr_fe.identify.state_loads import ROW, TIME, DryBending, PermanentSet, library
 
 TERMS = {t.key: t for t in library(4, TIME)}
@@ -304,7 +304,7 @@ def test_a_moment_that_grows_with_time_is_found_reported_and_written_as_loads(tm
     assert document["effects"] == [] and document["causes"][0]["perturbs"] == "precurvature"
     assert document["law"]["formula"].startswith("t e (x = ")
     assert "law" not in replace(result, verdict="partly explained").to_json()
-    assert headline(result) == f"Explained by an unlisted cause: {result.law.sentence}."
+    assert sentences(result)[0] == f"Explained by an unlisted cause: {result.law.sentence}."
     assert result.law.sentence in summary(result) and result.law.formula in render(result)
     check_run(result, tmp_path, 1e-6)
 

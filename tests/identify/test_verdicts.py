@@ -17,7 +17,7 @@ from tdcr_fe.identify.problem import evaluate
 from tdcr_fe.identify.report import render
 from tdcr_fe.identify.screening import screen
 from tdcr_fe.identify.search import worth_fitting
-from tdcr_fe.identify.sentences import headline, sentences
+from tdcr_fe.identify.sentences import sentences
 from tdcr_fe.identify.verdict import separating_experiments
 
 
@@ -47,7 +47,7 @@ def test_a_law_is_found_where_it_is_more_probable_than_all_else(hidden, verdict,
     state = state_of(problem_of(data_of(problem.data.steps, positions(true))))
     best = evaluate(state.problem, (law,), {law.name: {"compliance": hidden}})
     result = concluded(state.with_fit(best), best=best)
-    assert result.verdict == verdict and words in headline(result)
+    assert result.verdict == verdict and words in sentences(result)[0]
 
 
 @pytest.mark.parametrize(
@@ -64,8 +64,9 @@ def test_unusable_data_give_no_verdict(bent, data, reason):
     state = begun(data(bent))
     assert unusable_data(state.problem, state.declared).startswith(reason)
     result = concluded(state)
-    assert result.verdict == "cannot tell" and headline(result).startswith("Inconclusive")
-    assert sentences(result)[0].lower().startswith(reason.lower())
+    headline, why, *_ = sentences(result)
+    assert result.verdict == "cannot tell" and headline.startswith("Inconclusive")
+    assert why.lower().startswith(reason.lower())
 
 
 def test_without_sigma_a_model_that_leaves_noise_proves_nothing():
@@ -130,7 +131,7 @@ def test_several_causes_that_leave_noise_together_are_stated_but_not_named():
     truth = {"gravity": weight, "precurvature": bent, "actuator_gain": {"gain": 1.1}}
     result = concluded(with_model(begun(measured(truth)), truth))
     assert result.verdict == "explained" and not any(e.found for e in result.effects)
-    assert headline(result) == (
+    assert sentences(result)[0] == (
         "Explained, but none of it is certain: gravity, precurvature and actuator gain together leave only noise. One "
         "cause that is not in the dictionary would look the same."
     )
