@@ -28,11 +28,10 @@ def rough():
     return measured(robot=ROBOT.with_tendons(friction_coefficient=0.25), model=FRICTIONAL)
 
 
-@pytest.mark.parametrize(
-    ("values", "data"),
-    [(GRAVITY, measured), (PRECURVATURE, measured), (COMMANDS, rough)],
-    ids=["model", "robot", "commands"],
-)
+ACTS_ON = {"model": (GRAVITY, measured), "robot": (PRECURVATURE, measured), "commands": (COMMANDS, rough)}
+
+
+@pytest.mark.parametrize(("values", "data"), ACTS_ON.values(), ids=ACTS_ON)
 def test_a_run_of_the_corrected_robot_repeats_the_fit(values, data, tmp_path):
     """Tip positions agree with the fit's within 1e-9 m, for effects on the model, the robot and the commands."""
     check_run(found(values, data()), tmp_path, 1e-9)

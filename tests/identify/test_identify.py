@@ -255,15 +255,6 @@ def test_a_rod_without_tendons_is_identified():
 # ------------------------------------------------------------ mesh and path
 
 
-#: Far coarser than the noise: the path is then off by more than the mesh.
-LOOSE = 3e-3
-
-
-def with_path(data, path_tolerance=LOOSE):
-    """The problem of fitting all readings with such a tolerance of the path."""
-    return replace(problem_of(data), path_tolerance=path_tolerance)
-
-
 def test_a_path_is_taken_to_another_mesh_with_the_twist_of_the_backbone():
     """The sum of the elements' twists is that of the whole backbone; holes and tendons have the same states."""
     about = measured(robot=ROBOT, model=FRICTIONAL).experiment
@@ -296,9 +287,10 @@ def test_the_error_of_the_path_is_not_counted_as_error_of_the_mesh(monkeypatch):
         return run(self, jobs, *rest)
 
     monkeypatch.setattr(ForwardModel, "run", recorded)
-    refined, _ = refine(with_path(data), (), {})
+    # far coarser than the noise: the path is off by more than the mesh
+    refined, _ = refine(replace(problem_of(data), path_tolerance=3e-3), (), {})
     assert asked[0] == (1, False) and all(along for n, along in asked if n > 1)
-    fine = with_path(data, 1e-5)
+    fine = replace(problem_of(data), path_tolerance=1e-5)
     meshes = [replace(fine, experiment=with_elements(fine.experiment, n)) for n in (1, 6)]
     coarse, exact = (evaluate(x, (), {}).residual for x in meshes)
     true_error = float(np.sqrt(np.mean((coarse - exact) ** 2)))

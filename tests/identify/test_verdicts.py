@@ -50,15 +50,14 @@ def test_a_law_is_found_where_it_is_more_probable_than_all_else(hidden, verdict,
     assert result.verdict == verdict and words in sentences(result)[0]
 
 
-@pytest.mark.parametrize(
-    ("data", "reason"),
-    [
-        (lambda bent: replace(bent, readings=bent.readings[3:4]), "1 reading: at least 4 are needed"),
-        (lambda bent: some(bent, lambda r: r.step <= 2, sigma=None), "no sigma is given for position"),
-        (lambda bent: measured(sigma=0.09), "the noise is larger than the motion of the robot"),
-    ],
-    ids=["one reading", "two steps", "noise"],
-)
+UNUSABLE = {
+    "one reading": (lambda bent: replace(bent, readings=bent.readings[3:4]), "1 reading: at least 4 are needed"),
+    "two steps": (lambda bent: some(bent, lambda r: r.step <= 2, sigma=None), "no sigma is given for position"),
+    "noise": (lambda bent: measured(sigma=0.09), "the noise is larger than the motion of the robot"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("data", "reason"), UNUSABLE.values(), ids=UNUSABLE)
 def test_unusable_data_give_no_verdict(bent, data, reason):
     """e3bbe5d: "nothing missing", with the residual itself taken for the noise."""
     state = begun(data(bent))

@@ -185,17 +185,16 @@ def test_file_that_is_not_toml_is_named_with_its_line(tmp_path, text, key, words
     assert (problem.file, problem.key) == (str(tmp_path / "scenario.toml"), key)
 
 
-@pytest.mark.parametrize(
-    ("name", "link", "reason"),
-    [
-        ("scenari.toml", "", "no such file; did you mean scenario.toml?"),
-        ("link.toml", "moved.toml", "is a link to moved.toml, which is not there"),
-        ("link.toml", "link.toml", "is a link to link.toml, which is not there"),
-        ("", "", "is a directory, not a file"),
-        ("x" * 5000, "", "cannot be read"),
-    ],
-    ids=["missing", "link to nowhere", "link to itself", "directory", "too long"],
-)
+NO_FILE = {
+    "missing": ("scenari.toml", "", "no such file; did you mean scenario.toml?"),
+    "link to nowhere": ("link.toml", "moved.toml", "is a link to moved.toml, which is not there"),
+    "link to itself": ("link.toml", "link.toml", "is a link to link.toml, which is not there"),
+    "directory": ("", "", "is a directory, not a file"),
+    "too long": ("x" * 5000, "", "cannot be read"),
+}
+
+
+@pytest.mark.parametrize(("name", "link", "reason"), NO_FILE.values(), ids=NO_FILE)
 def test_what_is_no_file_is_named_with_the_reason(tmp_path, name, link, reason):
     """Of a link, its own name was proposed in its place."""
     write(tmp_path)
