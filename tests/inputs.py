@@ -1,9 +1,10 @@
-"""A robot and a scenario as files, and ways to change them."""
+"""A robot and a scenario as files, ways to change them, and what a command says of its input."""
 
 import copy
 import tomllib
 from pathlib import Path
 
+from tdcr_fe.cli import main
 from tdcr_fe.io.write_toml import value_to_toml
 from tdcr_fe.model.messages import bare
 
@@ -62,3 +63,9 @@ def changed(text: str, changes: dict[str, object]) -> str:
         else:
             table[last] = value
     return document(data)
+
+
+def said(capsys, status: int, *arguments: str | Path) -> str:
+    """What a command prints on stderr that ends with this exit status."""
+    assert main([*map(str, arguments)]) == status
+    return capsys.readouterr().err

@@ -5,13 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from tdcr_fe import Backbone, Disks, Robot, SequenceResult, StepResult, Tendon
+from tdcr_fe import Backbone, Disks, Robot, SequenceResult, Simulation, StepResult, Tendon, simulate
 from tdcr_fe.model.loading import LoadStep, Model, resolve
 from tdcr_fe.model.routing import ParallelRouting, Routing
-from tdcr_fe.solve.simulate import Simulation, simulate
 from tdcr_fe.validation.fuzz.state import State
 
 LENGTH = 0.25
+#: With per-hole friction.
+MODEL = Model(elements_per_bay=1)
 BACKBONE = Backbone(LENGTH, 0.4e-3, 85e9, 0.3, 5600.0)
 DISKS = Disks.equally_spaced(13, LENGTH, mass=0.17e-3, radius=5e-3)
 SEVEN = Disks.equally_spaced(7, LENGTH, mass=0.3e-3, radius=5e-3)

@@ -9,8 +9,10 @@ import numpy as np
 from exudyn.utilities import InertiaCuboid
 from robots import LENGTH
 
-from tdcr_fe import TDCR, CreateTDCR, Robot, register
-from tdcr_fe.model.loading import Model
+from tdcr_fe import TDCR, CreateTDCR, Model, Robot, register
+
+#: A quarter turn about y, and weight.
+TURN, HEAVY = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]), [0.0, 0.0, -9.81]
 
 register()  # `mbs.SolveTDCR` and the like, for all tests with these scenes
 

@@ -14,6 +14,7 @@ from tdcr_fe.effects import EFFECTS, effect
 from tdcr_fe.effects.base import Kind
 from tdcr_fe.identify.corrected import corrected_files
 from tdcr_fe.identify.dictionary import dictionary
+from tdcr_fe.identify.fitting import fit
 from tdcr_fe.identify.forward import ForwardModel, Job
 from tdcr_fe.identify.identification import declared_state, prepare
 from tdcr_fe.identify.problem import FitProblem, evaluate
@@ -68,6 +69,11 @@ def searching(deadline=np.inf, **settings):
     return Search(IdentifySettings(**settings), lambda text, share: None, deadline)
 
 
+def fitted(problem, *effects):
+    """The model of effects that is found from their null values."""
+    return fit(problem, effects, {e.name: e.null_values(problem.experiment) for e in effects})
+
+
 def with_model(state, values):
     """The same with a model of effects at given values as the best one."""
     best = evaluate(state.problem, tuple(effect(name) for name in values), values)
@@ -120,6 +126,14 @@ def write_corrected(result, folder):
     """The files of the corrected robot."""
     for name, text in corrected_files(result).items():
         (folder / name).write_text(text, encoding="utf-8")
+
+
+def check_run(result, folder, tolerance):
+    """A run of the corrected robot has the tips of the result, within a tolerance [m]."""
+    write_corrected(result, folder)
+    run = tips_of_run(folder / "effects.toml", folder / "out")
+    tips = run.loc[[str(n) for n in result.data.step_ids]].to_numpy()
+    np.testing.assert_allclose(tips, result.shapes.backbone_after[:, -1], rtol=0.0, atol=tolerance)
 
 
 def identified(folder, data, *options):

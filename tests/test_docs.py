@@ -19,8 +19,9 @@ ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
 SCRIPTS = sorted((DOCS / "examples").rglob("*.py"))
-#: Examples that take minutes; the others run with the integration tests.
-LONG = {"tracking"}
+#: Examples that take minutes, and the others, which run with the integration tests.
+LONG = [pytest.param(p, marks=pytest.mark.campaign, id=p.stem) for p in SCRIPTS if p.stem == "tracking"]
+QUICK = [pytest.param(p, marks=pytest.mark.integration, id=p.stem) for p in SCRIPTS if p.stem != "tracking"]
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
@@ -99,13 +100,7 @@ def test_example_asserts_a_number_and_has_its_place_in_the_gallery(script):
     assert re.findall(r'"(\w+)"', order[1]).count(script.stem) == 1
 
 
-@pytest.mark.parametrize(
-    "script",
-    [
-        pytest.param(p, marks=pytest.mark.campaign if p.stem in LONG else pytest.mark.integration, id=p.stem)
-        for p in SCRIPTS
-    ],
-)
+@pytest.mark.parametrize("script", [*QUICK, *LONG])
 def test_example_runs(script, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     runpy.run_path(str(script), run_name="__main__")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from contacts import QUAD
 from robots import BACKBONE, DISKS, paper, three
-from scenes import scene, system
+from scenes import HEAVY, TURN, scene, system
 
 import tdcr_fe as tdcr
 from tdcr_fe import Backbone, InputPrior, Load, LoadPrior, LoadStep, Model, Robot, Tendon, TensionLimits
@@ -48,6 +48,10 @@ def follow(limits=ONE, targets=ABOVE, robot=None, **options):
 
 def estimator(load=None, inputs=None):
     return tdcr.Estimator(three(), Model(), load or LoadPrior(), inputs or InputPrior(0.01))
+
+
+def reads(*reading):
+    return estimator().step(LoadStep(time=0.0), [tdcr.Reading(1, *reading)])
 
 
 def differentiated(*names):
@@ -130,7 +134,10 @@ SOLVES = [
     (lambda: estimator(load=LoadPrior(at=0.3)), "at most the length"),
     (lambda: estimator(inputs=InputPrior(sigma={"t1": 0.1})), "tendon t2 is missing; the robot has t1, t2, t3"),
     (lambda: estimator().step(LoadStep(), ()), "time = None: must be given"),
-    (lambda: estimator().step(LoadStep(time=0.0), (tdcr.Reading(1, "position_x", 0.25, 0.0),)), "deviation above zero"),
+    (lambda: reads("position_x", 0.25, 0.0), "deviation above zero"),
+    # A place in mm was taken for the tip; another tendon was "not in tuple".
+    (lambda: reads("position_x", 250.0, 0.0, 1e-4), "step 1: reading of position_x: location = 250.0: must be an arc"),
+    (lambda: reads("position_x", "t9", 0.0, 1e-4), "step 1: reading of position_x: location = t9: must be an arc"),
 ]  # fmt: skip
 
 
@@ -173,8 +180,6 @@ def without_robot():
     tdcr.SolveTDCR(mbs)
 
 
-TURN = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
-HEAVY = [0.0, 0.0, -9.81]
 SPHERE = graphics.Sphere(radius=0.1)
 BALL = {"sphereRadius": 0.01}
 BESIDE = {"sphereRadius": 0.002, "localPosition": [0.1, 0.0, 0.1], "backbone": False}

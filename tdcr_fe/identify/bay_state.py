@@ -52,10 +52,6 @@ class BayState:
         """Of the bays [m]."""
         return 0.5 * (self.edges[1:] + self.edges[:-1])
 
-    def place(self, bay: int) -> str:
-        """The end of a bay, from 0, in words."""
-        return end_of_bay(self.edges, bay)
-
     def choices(self, bay: int) -> int:
         """Among how many places the end of a bay is one: the tip stands alone."""
         return 1 if bay == self.shape[1] - 1 else self.shape[1]

@@ -17,7 +17,7 @@ import numpy as np
 from tdcr_fe.effects import Effect, Experiment, Parameter
 from tdcr_fe.effects.base import ExcitationRange, Kind, Points, Values
 from tdcr_fe.elements import Array
-from tdcr_fe.identify.bay_state import COMPONENTS, FORCE, MOMENT, BayState
+from tdcr_fe.identify.bay_state import COMPONENTS, FORCE, MOMENT, BayState, end_of_bay
 
 if TYPE_CHECKING:
     from tdcr_fe.identify.problem import FitProblem
@@ -99,9 +99,6 @@ def settling_span(name: str, unit: str, duration: float) -> tuple[Parameter, dic
     span = number(name, unit, (1e-3 * duration, 10.0 * duration), 0.2 * duration, 0.02 * duration)
     return span, {name: [x * duration for x in (0.05, 0.2, 0.6)]}
 
-
-#: Price of everything that a law depends on, see `Cause.price`.
-PER_FACTOR = 1.5
 
 #: From the experiment and the values of a cause to the experiment with it.
 Change = Callable[[Experiment, Values], Experiment]
@@ -227,7 +224,7 @@ class PointForce(StateLoad):
 
     def __init__(self, name: str, sentence: str, bay: int, state: BayState, law: Numbers) -> None:
         self.at, self.bay, self.reach = float(state.edges[bay + 1]), bay, 0.5 * float(state.edges[-1])
-        where, far = state.place(bay), 20.0 * self.reach
+        where, far = end_of_bay(state.edges, bay), 20.0 * self.reach
         point = (Parameter(a, "m", -far, far, 0.0, 0.05 * self.reach, f"{a} of the point") for a in "xyz")
         kind, price = Kind("force", ("position",), where), math.log(state.choices(bay))
         super().__init__(f"{name} ({where})", kind, (*point, *law), (), sentence, price)

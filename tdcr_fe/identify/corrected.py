@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from tdcr_fe.effects import Effect, Experiment, with_effects
+from tdcr_fe.effects import Experiment, with_effects
 from tdcr_fe.identify.forward import solve_commanded_steps
 from tdcr_fe.identify.result import AddedEffect, Estimate, IdentificationResult
 from tdcr_fe.io.result_files import write_results
@@ -22,19 +22,18 @@ Table = Mapping[str, Mapping[str, float]]
 
 def observation_effects(result: IdentificationResult) -> list[str]:
     """Effects that act on the measurement only; a scenario cannot have them."""
-    changes = _changes(result.simulated.commanded, result.effects_table, result.simulated.catalogue)
+    changes = _changes(result, result.effects_table)
     found = {name for name, before, after in changes if after.observation != before.observation}
     return [name for name in result.effects_table if name in found]
 
 
-def _changes(
-    experiment: Experiment, table: Table, catalogue: Sequence[Effect]
-) -> Iterator[tuple[str, Experiment, Experiment]]:
+def _changes(result: IdentificationResult, table: Table) -> Iterator[tuple[str, Experiment, Experiment]]:
     """Effects one after another, each with the experiment before and after it.
 
     They are applied in the order of the catalogue: pretension needs the stretch of the tendons before it.
     """
-    for e in catalogue:
+    experiment = result.simulated.commanded
+    for e in result.simulated.catalogue:
         if e.name in table:
             changed = e.apply(experiment, {**e.null_values(experiment), **table[e.name]})
             yield e.name, experiment, changed
@@ -91,7 +90,7 @@ def corrected_files(result: IdentificationResult) -> dict[str, str]:
             f"# causes without a name: {result.law.formula}",
             "# on the loading below it gives the loads named law 1, law 2, ...; on another loading it gives others",
         ]
-    steps, solver = _labelled(result, base), result.simulated.solver
+    steps, solver = list(_labelled(result, base)), result.simulated.solver
     scenario = scenario_to_toml(base.model, steps, settings=solver, effects=inside or None)
     return {"robot.toml": robot_text, "effects.toml": "\n".join([*remarks, "", scenario])}
 
@@ -112,7 +111,8 @@ def _files_of_sets(result: IdentificationResult) -> dict[str, str]:
         unread = replace(result.data, readings=(), parts=())
         data = replace(unread, name=name, step_ids=ids, steps=steps, branches=branches)
         alone = replace(simulated, commanded=replace(part, folder=1, folders=1), corrected=corrected)
-        own = corrected_files(replace(result, data=data, simulated=alone, effects=_alone(result, part)))
+        effects = tuple(_alone(result, part))
+        own = corrected_files(replace(result, data=data, simulated=alone, effects=effects))
         same = files.get("robot.toml", own["robot.toml"]) == own["robot.toml"]
         robot = "robot.toml" if same else f"robot_{name}.toml"
         files[robot] = own["robot.toml"]
@@ -121,25 +121,23 @@ def _files_of_sets(result: IdentificationResult) -> dict[str, str]:
     return files
 
 
-def _alone(result: IdentificationResult, part: Experiment) -> tuple[AddedEffect, ...]:
+def _alone(result: IdentificationResult, part: Experiment) -> Iterator[AddedEffect]:
     """The effects with the values that they have for one of several data sets."""
     by_name = {e.name: e for e in result.simulated.catalogue}
-    found = []
     for added in result.effects:
         values = {n: p.value for n, p in added.parameters.items()}
         own = by_name[added.name].alone(values, part) if added.name in by_name else values
         if own != values:
             unit = next(iter(added.parameters.values())).unit
             added = replace(added, parameters={n: Estimate(x, None, unit) for n, x in own.items()})
-        found.append(added)
-    return tuple(found)
+        yield added
 
 
 def _beside_robot(result: IdentificationResult, final: Experiment, table: Table) -> tuple[Experiment, Table]:
     """Experiment and effects that give the final one, with all that acts on the robot alone in the robot."""
     simulated = result.simulated
     base = replace(simulated.commanded, robot=final.robot)
-    changes = _changes(simulated.commanded, table, simulated.catalogue)
+    changes = _changes(result, table)
     inside = {n: table[n] for n, a, b in changes if (b.model, b.steps) != (a.model, a.steps)}
     again = with_effects(base, inside, simulated.catalogue)
     if (again.robot, again.model, again.steps) == (final.robot, final.model, final.steps):
@@ -153,22 +151,20 @@ def _with_robot_as_declared(result: IdentificationResult, table: Table) -> tuple
     if result.law is None:
         return commanded, table
     unnamed = {e.name for e in result.law.causes}
-    changes = _changes(commanded, table, result.simulated.catalogue)
+    changes = _changes(result, table)
     inside = {n: table[n] for n, a, b in changes if n not in unnamed and b.steps == a.steps}
     return replace(result.simulated.corrected, robot=commanded.robot, model=commanded.model), inside
 
 
-def _labelled(result: IdentificationResult, experiment: Experiment) -> list[LoadStep]:
+def _labelled(result: IdentificationResult, experiment: Experiment) -> Iterator[LoadStep]:
     """Steps with the numbers of ``loading.csv`` as labels; parts of a divided step are counted."""
     ids = result.data.step_ids
     commanded = [k for k, _ in experiment.step_ends]
-    steps = []
     for j, (step, k) in enumerate(zip(experiment.steps, commanded, strict=True)):
         parts = commanded.count(k)
         part = commanded[: j + 1].count(k)
         label = str(ids[k]) if part == parts else f"{ids[k]} (part {part} of {parts})"
-        steps.append(replace(step, label=label))
-    return steps
+        yield replace(step, label=label)
 
 
 def replay(result: IdentificationResult, deadline: float = math.inf) -> SequenceResult:

@@ -10,15 +10,8 @@ from scipy.special import chdtri, expit
 
 from tdcr_fe.effects import EFFECTS, Effect
 from tdcr_fe.elements import Array
+from tdcr_fe.identify import noise
 from tdcr_fe.identify.causes import Cause, ReadingCause
-from tdcr_fe.identify.noise import (
-    chi_square_z_score,
-    is_noise,
-    lag1_autocorrelation,
-    robust_scatter,
-    series,
-    structure,
-)
 from tdcr_fe.identify.problem import NOISE_REACHES, Fit, FitProblem, Point
 from tdcr_fe.identify.rows import FEWEST
 from tdcr_fe.io.measured import MeasuredData
@@ -27,6 +20,9 @@ from tdcr_fe.model.robot import Robot
 
 #: A cause without a name is a priori by this factor less probable than one of the list, as a logarithm.
 UNNAMED = 2.0
+
+#: Price of everything that a law depends on, see `Cause.price`.
+PER_FACTOR = 1.5
 
 #: A cause that is not in the dictionary, and that several causes of the dictionary together imitate, is a priori by
 #: this factor less probable than one of the list, as a logarithm.
@@ -143,7 +139,7 @@ def effective_noise(problem: FitProblem, fit: Fit, significance: float) -> float
     if residual_is_noise(problem, fit, significance):
         return reduced_chi_square(problem, fit)
     misfit = (fit.cost + fit.held_cost) / max(1, problem.count - len(fit.free))
-    rho = float(np.clip(lag1_autocorrelation(problem.data, fit.residual), 0.0, 0.9))
+    rho = float(np.clip(noise.lag1_autocorrelation(problem.data, fit.residual), 0.0, 0.9))
     return max(1.0, misfit) * (1.0 + rho) / (1.0 - rho)
 
 
@@ -152,11 +148,11 @@ def residual_is_noise(problem: FitProblem, fit: Fit, significance: float) -> boo
     if not fit.solved:
         return False
     r, held_out = fit.residual, problem.held_out
-    if chi_square_z_score(r[~held_out], len(fit.free)) > NOISE_REACHES:
+    if noise.chi_square_z_score(r[~held_out], len(fit.free)) > NOISE_REACHES:
         return False
-    if np.any(held_out) and chi_square_z_score(r[held_out]) > NOISE_REACHES:
+    if np.any(held_out) and noise.chi_square_z_score(r[held_out]) > NOISE_REACHES:
         return False
-    return is_noise(structure(problem.data, r, len(fit.free)), significance)
+    return noise.is_noise(noise.structure(problem.data, r, len(fit.free)), significance)
 
 
 def chi_square_threshold(parameters: int, significance: float) -> float:
@@ -189,7 +185,7 @@ def is_improvement(problem: FitProblem, new: Fit, old: Fit, significance: float)
 
 def robust_threshold(residual: Array) -> float:
     """Residual over sigma up to which a reading counts in full: four sigma, or four robust scatters if larger."""
-    return NOISE_REACHES * max(1.0, robust_scatter(residual))
+    return NOISE_REACHES * max(1.0, noise.robust_scatter(residual))
 
 
 #: With a larger share of faulty readings, "nothing missing" is not said.
@@ -254,7 +250,7 @@ def lacks_test(problem: FitProblem, fit: Fit) -> bool:
 def unknown_noise(data: MeasuredData) -> list[str]:
     """Families of channels whose sigma is neither given nor to be estimated from the scatter over three steps."""
     missing = {r.channel.family for r in data.readings if r.sigma is None}
-    estimable = {data.readings[int(i[0])].channel.family for i in series(data.readings) if i.size >= 3}
+    estimable = {data.readings[int(i[0])].channel.family for i in noise.series(data.readings) if i.size >= 3}
     return sorted(missing - estimable)
 
 

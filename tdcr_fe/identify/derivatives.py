@@ -23,16 +23,8 @@ import numpy as np
 
 from tdcr_fe.effects import Effect, Experiment, Parameter
 from tdcr_fe.elements import Array
+from tdcr_fe.identify import bay_state
 from tdcr_fe.identify.balance import agreed, coupling, of_readings, through_state
-from tdcr_fe.identify.bay_state import (
-    LOAD,
-    Action,
-    Response,
-    action_inputs,
-    loads_of_action,
-    state_change,
-    with_action,
-)
 from tdcr_fe.identify.causes import BesideDescription, ReadingCause, StateLoad
 from tdcr_fe.identify.forward import Job, advance
 from tdcr_fe.identify.input_causes import ChangedInputs, Commands
@@ -137,7 +129,7 @@ def _linearized(problem: FitProblem, request: Request) -> Generator[list[Job], l
         return Linear(nothing, np.zeros((problem.count, len(request.columns))), Run.unsolved(str(error)), {})
 
 
-def first_action(problem: FitProblem, request: Request) -> Action | None:
+def first_action(problem: FitProblem, request: Request) -> bay_state.Action | None:
     """The action with which a model is simulated first: that of its reference, moved by the change of its loads.
 
     None where neither the model nor a column has loads that depend on the state.
@@ -148,7 +140,7 @@ def first_action(problem: FitProblem, request: Request) -> Action | None:
     reference = request.reference
     if loads and reference is not None and reference.acted is not None:
         return agreed(loads, request.values, reference, problem.experiment.robot).action
-    return Action.none(problem.experiment)
+    return bay_state.Action.none(problem.experiment)
 
 
 def _loads(effects: Sequence[Effect]) -> list[StateLoad]:
@@ -158,11 +150,11 @@ def _loads(effects: Sequence[Effect]) -> list[StateLoad]:
 class _Part:
     """One model: what is simulated for it, and what follows."""
 
-    def __init__(self, problem: FitProblem, request: Request, action: Action | None = None) -> None:
+    def __init__(self, problem: FitProblem, request: Request, action: bay_state.Action | None = None) -> None:
         self.problem, self.request, self.action = problem, request, action
         self.effects, self.values = self._at_null()
         self._bare = problem.with_effects(self.effects, self.values)  # without the action
-        self.experiment = self._bare if action is None else with_action(self._bare, action)
+        self.experiment = self._bare if action is None else bay_state.with_action(self._bare, action)
         self.observed: dict[int, Tabulated] = {}
         self.differenced: dict[int, str] = {}
         self.beside: dict[int, Experiment] = {}
@@ -189,7 +181,7 @@ class _Part:
             if any(replace(e, observation=here) != self.experiment for e in neighbours):
                 tables[number] = parameter
         self.exact = {table.name: number for number, table in tables.items()}
-        acting = () if action is None else action_inputs(self.experiment)
+        acting = () if action is None else bay_state.action_inputs(self.experiment)
         job = Job(self.experiment, request.trajectories, request.record, (*tables.values(), *acting))
         self.job = job._replace(states=action is not None)
 
@@ -199,13 +191,13 @@ class _Part:
             return experiment
         bare = self._bare
         if experiment.ends != bare.ends:
-            return with_action(experiment, self.action)
+            return bay_state.with_action(experiment, self.action)
         if experiment.steps is bare.steps:
             return replace(experiment, steps=self.experiment.steps)
         steps = []
         for own, plain, acted in zip(experiment.steps, bare.steps, self.experiment.steps, strict=True):
             if own is not plain and own.loads != plain.loads:
-                return with_action(experiment, self.action)
+                return bay_state.with_action(experiment, self.action)
             steps.append(acted if own is plain else replace(own, loads=acted.loads))
         return replace(experiment, steps=tuple(steps))
 
@@ -277,11 +269,11 @@ class _Part:
         if self.action is None or by is None or not by.names:
             return run, 0.0
         assert run.bays is not None
-        named = [j for j, name in enumerate(by.names) if name.startswith(f"{LOAD} ")]
-        actions = by.part(named).times(loads_of_action(run.bays.rotation))
+        named = [j for j, name in enumerate(by.names) if name not in self.exact]
+        actions = by.part(named).times(bay_state.loads_of_action(run.bays.rotation))
         rows = self._of(run, actions)
-        response = Response(np.where(np.isfinite(rows), rows, 0.0), state_change(run, actions))
-        acted = Acted(self.action, response)
+        moved = bay_state.state_change(run, actions)
+        acted = Acted(self.action, bay_state.Response(np.where(np.isfinite(rows), rows, 0.0), moved))
         run = replace(run, acted=acted)
         if not loads:
             return run, 0.0
@@ -326,7 +318,7 @@ class _Part:
             if exact:
                 matrix[:, numbers] = self._of(run, by.part(exact))
             if run.acted is not None:
-                self._add_loads(matrix, run, numbers, state_change(run, by.part(exact)))
+                self._add_loads(matrix, run, numbers, bay_state.state_change(run, by.part(exact)))
         for number, table in self.observed.items():
             values = {k: read(e) for k, e in table.experiments.items()}
             change = _difference(values, read(self.experiment), table.step)

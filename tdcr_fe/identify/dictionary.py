@@ -63,7 +63,9 @@ def unnamed(problem: FitProblem, state: BayState) -> list[Cause]:
     found += [*_sensors(problem), *_readings(problem)]
     robot = problem.experiment.robot
     if robot.tendons and not robot.without_disks:
-        found += [*_routings(problem), *_single_disks(problem)]
+        found += _routings(problem)
+        for k in range(len(robot.disks.positions)):
+            found += _of_disk(robot, k)
     return [*found, *state_loads(problem, state, clock_of(problem.data))]
 
 
@@ -358,23 +360,17 @@ def _routings(problem: FitProblem) -> Iterator[Cause]:
     robot = problem.experiment.robot
     if len(robot.tendons) > 1:
         every = partial(_with_holes, names=robot.tendon_names, disks=slice(None))
-        kind, text = Kind("routing", ("nothing",)), "the holes of all tendons are"
-        yield ChangedDescription(
-            "radius of all holes", kind, numbers[:1], every, f"{text} at another distance"
-        )
-        yield ChangedDescription(
-            "disks off their centre", kind, _shift(robot), every, f"{text} off the centre"
-        )
-
-
-def _single_disks(problem: FitProblem) -> Iterator[Cause]:
-    """One hole elsewhere; one disk turned and shifted in its plane, or slipped along the backbone."""
-    for k in range(len(problem.experiment.robot.disks.positions)):
-        yield from _of_disk(problem.experiment.robot, k)
+        kind = Kind("routing", ("nothing",))
+        for label, own, where in (
+            ("radius of all holes", numbers[:1], "at another distance"),
+            ("disks off their centre", _shift(robot), "off the centre"),
+        ):
+            text = f"the holes of all tendons are {where}"
+            yield ChangedDescription(label, kind, own, every, text)
 
 
 def _of_disk(robot: Robot, k: int) -> Iterator[Cause]:
-    """What may be wrong with one disk, from 0."""
+    """One hole of a disk, from 0, elsewhere; the disk turned, shifted in its plane, or slipped along the backbone."""
     plane = _shift(robot)
     turn = number("angle", "rad", (-1.5, 1.5), 0.0, 0.02)
     count, edges, s = len(robot.disks.positions), robot.bay_edges, robot.disks.positions[k]

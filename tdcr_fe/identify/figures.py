@@ -270,10 +270,7 @@ def parameters(result: IdentificationResult) -> Figure | None:
         rows, columns = 2 if pairs else 1, max(len(shown), len(pairs))
         figure = Figure(figsize=(min(11.6, 3.9 * columns), 2.8 * rows), layout="constrained")
         axes: Any = figure.subplots(rows, columns, squeeze=False)
-        for ax in axes.ravel():
-            ax.set_visible(False)
         for ax, profile in zip(axes[0], shown, strict=False):
-            ax.set_visible(True)
             factor, label = _axis(profile.name, estimates)
             fine = np.linspace(profile.values[0], profile.values[-1], 81)
             ax.plot(factor * fine, np.interp(fine, profile.values, profile.roots) ** 2, color=CORRECTED)
@@ -284,7 +281,6 @@ def parameters(result: IdentificationResult) -> Figure | None:
         axes[0, 0].set_ylabel("growth of chi-square")
         angle = np.linspace(0.0, 2.0 * np.pi, 73)
         for ax, (correlation, a, b) in zip(axes[-1], pairs, strict=False):
-            ax.set_visible(True)
             turned = np.array([np.cos(angle), np.cos(angle - np.arccos(correlation))]) * np.sqrt(5.99)
             (x, across), (y, up) = _axis(a, estimates), _axis(b, estimates)
             values = np.array([x * estimates[a].value, y * estimates[b].value])
@@ -292,6 +288,8 @@ def parameters(result: IdentificationResult) -> Figure | None:
             ax.plot(*(values[:, None] + errors[:, None] * turned), color=CORRECTED)
             ax.plot(*values, "o", color=CORRECTED, ms=4)
             ax.set(xlabel=across, ylabel=up)
+        for ax in axes.ravel():
+            ax.set_visible(ax.has_data())
     return figure
 
 

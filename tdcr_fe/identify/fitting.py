@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -71,11 +71,6 @@ class Race:
     def in_reach(self, cost: float, error: float) -> bool:
         """Whether a fit that promises a cost may come below the limit, by the `distance` of its last prediction."""
         return math.sqrt(cost) - error <= math.sqrt(max(self.limit, 0.0))
-
-    @property
-    def out_of_time(self) -> bool:
-        """Whether the time is over."""
-        return clock() > self.deadline
 
 
 def limit_beside(cost: float) -> float:
@@ -139,7 +134,8 @@ def evaluated(
     ``along``: a model whose substeps the run takes, which is several times as fast.
     """
     by_name = {e.name: e for e in effects}
-    scale = _scales(problem, effects, free)
+    natural = {(e.name, p.name): p.scale for e in effects for p in e.parameters}
+    scale = np.array([problem.scales.get(k, natural[k]) for k in free])  # typical steps
     differences = zip(free, (0.2 * scale).tolist(), strict=True)
     columns = tuple(Column(by_name[e], name, values[e], x) for (e, name), x in differences)
     linear = yield Request(tuple(effects), values, columns, None if along is None else along.run)
@@ -189,7 +185,7 @@ def descend(problem: FitProblem, now: Fit, race: Race, predicted: Array | None =
     damping, failed = 1e-3, math.inf
     error = float("inf") if predicted is None else distance(problem, now.residual, predicted)
     for _ in range(ITERATIONS if now.free else 0):
-        if race.out_of_time:
+        if clock() > race.deadline:
             break
         step, promised = _proposal(problem, now, damping)
         if promised < little(now) or damping > 1e6:
@@ -228,8 +224,6 @@ def little(fit: Fit) -> float:
 
 def linear_optimum(problem: FitProblem, now: Fit) -> Fit:
     """A fit at the best values that its linear model knows, as that predicts it."""
-    if not now.free or not np.isfinite(now.cost):
-        return now
     step, _ = _proposal(problem, now, 0.0)
     values = problem.moved(now.effects, now.values, now.free, step)
     residual = now.residual - now.jacobian @ step
@@ -239,8 +233,6 @@ def linear_optimum(problem: FitProblem, now: Fit) -> Fit:
 
 def reachable_cost(problem: FitProblem, now: Fit) -> float:
     """Cost of a fit at the best values that its linear model knows."""
-    if not now.free or not np.isfinite(now.cost):
-        return now.cost
     return max(0.0, now.cost - _proposal(problem, now, 0.0)[1])
 
 
@@ -280,14 +272,10 @@ def smaller(
     return now
 
 
-def _scales(problem: FitProblem, effects: Sequence[Effect], free: Free) -> Array:
-    """Typical steps of coordinates, shape (p,)."""
-    natural = {(e.name, p.name): p.scale for e in effects for p in e.parameters}
-    return np.array([problem.scales.get(k, natural[k]) for k in free])
-
-
 def _proposal(problem: FitProblem, now: Fit, damping: float) -> tuple[Array, float]:
     """The step to the next coordinates, and the fall of the cost by the linear model."""
+    if not now.free or not np.isfinite(now.cost):
+        return np.zeros(len(now.free)), 0.0
     z = problem.coordinates(now.effects, now.values, now.free)
     limits = problem.limits(now.effects, now.free)
     jw, rw = _weighted(problem, now)
@@ -329,7 +317,7 @@ def _bounded_step(j: Array, r: Array, damping: float, low: Array, high: Array) -
     return np.asarray(solution.x / norm)
 
 
-def profiles(problem: FitProblem, fit: Fit) -> tuple[Profile, ...]:
+def profiles(problem: FitProblem, fit: Fit) -> Iterator[Profile]:
     """Likelihood profiles of all free parameters of a fit: how the misfit grows as one is moved and the others follow.
 
     Where a parameter is normally distributed, the misfit grows with the square of the distance in standard errors.
@@ -343,7 +331,6 @@ def profiles(problem: FitProblem, fit: Fit) -> tuple[Profile, ...]:
     z = problem.coordinates(fit.effects, fit.values, fit.free)
     limits = problem.limits(fit.effects, fit.free)
     jacobian, _ = _weighted(problem, fit)
-    found = []
     for i, key in enumerate(fit.free):
         if not deviation[i] > 0.0 or isinstance(by_name[key[0]], ReadingCause):  # the latter are linear
             continue
@@ -355,12 +342,11 @@ def profiles(problem: FitProblem, fit: Fit) -> tuple[Profile, ...]:
         try:
             cost = np.array([x.cost for x in run_fits(problem, fits)])
         except OutOfTime:
-            break
+            return
         # In units of the growth by one standard error where the model is linear.
         growth = np.sqrt(np.maximum(cost - fit.cost, 0.0)) / np.linalg.norm(jacobian @ step)
         roots = np.append(np.sign(PROFILED[inside]) * growth, 0.0)
         values = np.array([p[key[0]][key[1]] for p in (*points, fit.values)])
         order = np.argsort(values)
         order = order[np.isfinite(roots[order])]
-        found.append(Profile(".".join(key), values[order], roots[order]))
-    return tuple(found)
+        yield Profile(".".join(key), values[order], roots[order])

@@ -181,11 +181,9 @@ def _differentiated(
     while True:
         chosen = [p for p in job.parameters if p.name not in refused]
         try:
-            result = simulate(*given, reference_path=along, record_path=path, sensitivities=chosen)
+            return simulate(*given, reference_path=along, record_path=path, sensitivities=chosen), refused
         except NoDerivative as error:
             refused[error.parameter] = error.reason
-            continue
-        return result, refused
 
 
 Given = TypeVar("Given")

@@ -142,7 +142,7 @@ def _search(search: Search, state: SearchState, prepared: Prepared, schedule: Sc
         return in_time(whole, state, _scattered, Part.SCATTER)
     if whole.out_of_time:
         return state.without_trying(Part.PROFILES) if state.best.free else state
-    return replace(state, profiles=fitting.profiles(state.problem, state.best))
+    return replace(state, profiles=tuple(fitting.profiles(state.problem, state.best)))
 
 
 def _scattered(search: Search, state: SearchState) -> SearchState:

@@ -15,7 +15,8 @@ from tdcr_fe.effects import Experiment, Parameter
 from tdcr_fe.effects.base import Kind, Values
 from tdcr_fe.elements import Array, Flags
 from tdcr_fe.identify.bay_state import last_direction
-from tdcr_fe.identify.causes import PER_FACTOR, Cause, ChangedDescription, number, settling_span
+from tdcr_fe.identify.causes import Cause, ChangedDescription, number, settling_span
+from tdcr_fe.identify.criteria import PER_FACTOR
 from tdcr_fe.identify.rows import clock_of, possible_starts, progress_along
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.loading import LoadStep, resolve
@@ -131,12 +132,6 @@ class _Inputs(NamedTuple):
             found = np.maximum.accumulate(np.abs(u), axis=0)
             return np.where(u == 0.0, 0.0, found) if self.unit == "N" else found
 
-        def rising(u: Array, *_: Any) -> Array:
-            return u * (last_direction(u) > 0.0)
-
-        def falling(u: Array, *_: Any) -> Array:
-            return u * (last_direction(u) < 0.0)
-
         def so_far(u: Array, p: Array, _: Values) -> Array:
             return cumulative_trapezoid(np.maximum(u, 0.0), p, axis=0, initial=0)
 
@@ -145,8 +140,8 @@ class _Inputs(NamedTuple):
             ("offset of the input", "nothing", lambda *_: 1.0, "the inputs are off by a constant"),
             ("gain that grows", "tension", lambda u, *_: u * np.abs(u) / most, grows),
             ("gain by the largest so far", "tension", largest, missing),
-            ("gain while rising", direction, rising, f"{another} rise"),
-            ("gain while falling", direction, falling, f"{another} fall"),
+            ("gain while rising", direction, lambda u, *_: u * (last_direction(u) > 0.0), f"{another} rise"),
+            ("gain while falling", direction, lambda u, *_: u * (last_direction(u) < 0.0), f"{another} fall"),
             ("gain that drifts", clock, lambda u, p, _: u * p, "the gain of the inputs drifts"),
             ("offset that drifts", clock, lambda u, p, _: p, "the inputs drift"),
             ("gain that settles", clock, lambda u, *x: u * settled(*x), gain_settles),
@@ -175,26 +170,20 @@ class _Inputs(NamedTuple):
 
     def waves(self) -> Iterator[Cause]:
         """Displacements off by a wave of themselves, as from a spool that runs out of true: of all, or of one."""
-        size, phase = number("size", "m", (-self.most, self.most), 0.0, 0.01 * self.most), "phase"
-        numbers = (
-            size,
-            number("period", "m", (0.2 * self.most, 20.0 * self.most), self.most, 0.1 * self.most),
-            number(phase, "rad", (-4.0, 4.0), 0.0, 0.1),
-        )
-        tried = {"period": [x * self.most for x in (0.5, 1.0, 2.0, 4.0)], phase: [0.0, 0.5 * math.pi]}
-        choices = len(self.names)
+        size = number("size", "m", (-self.most, self.most), 0.0, 0.01 * self.most)
+        period = number("period", "m", (0.2 * self.most, 20.0 * self.most), self.most, 0.1 * self.most)
+        phase = number("phase", "rad", (-4.0, 4.0), 0.0, 0.1)
+        tried = {"period": [x * self.most for x in (0.5, 1.0, 2.0, 4.0)], "phase": [0.0, 0.5 * math.pi]}
         for name in self.names if self.unit == "m" else ():
 
             def wave(u: Array, _: Array, values: Values, tendon: str = name) -> Array:
-                turned = 2.0 * math.pi * u / values["period"] + values[phase]
-                return np.where(np.isin(self.every, tendon), np.sin(turned) - math.sin(values[phase]), 0.0)
+                turned = 2.0 * math.pi * u / values["period"] + values["phase"]
+                moved = np.sin(turned) - math.sin(values["phase"])
+                return np.where(np.isin(self.every, tendon), moved, 0.0)
 
-            kind, text = (
-                Kind("input", ("tension",), f"tendon {name}"),
-                "an input is off by a wave, as of a spool",
-            )
-            price = math.log(choices)
-            yield ChangedInputs(f"wave of the input (tendon {name})", kind, numbers, wave, text, price, tried)
+            kind, numbers = Kind("input", ("tension",), f"tendon {name}"), (size, period, phase)
+            label, text = f"wave of the input (tendon {name})", "an input is off by a wave, as of a spool"
+            yield ChangedInputs(label, kind, numbers, wave, text, math.log(len(self.names)), tried)
 
     def limits(self) -> Iterator[Cause]:
         """A share of what is beyond a limit, or of what is below it, does not arrive: of all, or of one."""

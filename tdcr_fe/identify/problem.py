@@ -139,11 +139,8 @@ class FitProblem:
 
     def shift(self, effects: Sequence[Effect], values: Point, run: Run) -> Array:
         """What causes in the readings themselves add to the predictions of a run over sigma, shape (n,)."""
-        found = np.zeros(self.count)
-        for e in effects:
-            if isinstance(e, ReadingCause):
-                found = found + e.shift(self, run, values[e.name])
-        return self.whitened(found / self.sigma)
+        shifts = (e.shift(self, run, values[e.name]) for e in effects if isinstance(e, ReadingCause))
+        return self.whitened(sum(shifts, np.zeros(self.count)) / self.sigma)
 
     # ------------------------------------------------------------------ measures
 

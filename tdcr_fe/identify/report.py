@@ -104,6 +104,7 @@ def page(result: IdentificationResult, motion: Motion | None = None) -> Page:
     caption = "Measured against predicted" + (", before and after" if result.effects else "")
     if figures.loop(result):
         caption += ". The loop is a run of steps in which one tendon is pulled and released"
+    verdict, *further = sentences.sentences(result)
     shown = "Measured and predicted tip path, shapes and a loop of loading and unloading"
     made = f"{result.log.runs} simulations in {result.log.wall_time:.0f} s. "
     made += ", ".join(f"{name} {number}" for name, number in versions().items())
@@ -118,9 +119,9 @@ def page(result: IdentificationResult, motion: Motion | None = None) -> Page:
     }
     return Page(
         title=f"Identification of {result.data.name}",
-        verdict=sentences.headline(result),
+        verdict=verdict,
         level="part" if result.names_nothing else LEVELS[result.verdict],
-        sentences=tuple(sentences.sentences(result)),
+        sentences=tuple(further),
         cards=_cards(result),
         pictures=(Picture(figures.comparison(result), shown, f"{caption}."),),
         summary=Section("summary", "", "summary.html.j2", summary),
@@ -171,8 +172,7 @@ def write_result(
         write_text(text, folder / name)
     motion, interrupted = None, result.log.interrupted
     try:
-        several = bool(result.data.parts)  # the panel shows one loading sequence
-        if not (interrupted or several):
+        if not (interrupted or result.data.parts):  # the panel shows one loading sequence
             motion = corrected.corrected_motion(result, folder, deadline)
     except KeyboardInterrupt:  # the report is written without the 3D panel
         interrupted = True

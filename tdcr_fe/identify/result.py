@@ -63,6 +63,11 @@ class Estimate:
         """Half-width of the 95 % interval; None without a standard error."""
         return None if self.std_error is None else HALF_WIDTH * self.std_error
 
+    def to_json(self) -> dict[str, Any]:
+        """As in ``result.json``."""
+        document = {"value": self.value, "std_error": self.std_error, "unit": self.unit}
+        return document | ({"note": self.note} if self.note else {})
+
 
 @dataclass(frozen=True)
 class Misfit:
@@ -124,11 +129,7 @@ class AddedEffect:
         """As in ``result.json``, under ``effects``."""
         document = {
             "effect": self.name,
-            "parameters": {
-                n: {"value": p.value, "std_error": p.std_error, "unit": p.unit}
-                | ({"note": p.note} if p.note else {})
-                for n, p in self.parameters.items()
-            },
+            "parameters": self.parameters,
             "after": self.after,
             "evidence": self.evidence,
             "probability": self.probability,

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence, Set
+from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import replace
 from functools import partial
 from statistics import fmean
@@ -23,22 +23,8 @@ import numpy as np
 
 from tdcr_fe.effects import Effect, EffectAtPlace
 from tdcr_fe.elements import Array
-from tdcr_fe.identify import fitting
+from tdcr_fe.identify import criteria, fitting
 from tdcr_fe.identify.causes import Cause, is_named
-from tdcr_fe.identify.criteria import (
-    BIC_DIFFERENCE,
-    HALVED,
-    WORTHWHILE,
-    at_bound,
-    bic,
-    chi_square_threshold,
-    complexity,
-    is_improvement,
-    lacks_test,
-    price_of,
-    rank,
-    reduced_chi_square,
-)
 from tdcr_fe.identify.dictionary import dictionary
 from tdcr_fe.identify.forward import Job
 from tdcr_fe.identify.problem import Fit, FitProblem, Point
@@ -125,7 +111,7 @@ def scores_beside(state: SearchState, fit: Fit, costly: bool = False) -> tuple[S
 def own_price(problem: FitProblem, score: Score) -> float:
     """What a candidate costs by itself, in the criterion."""
     values = score.start.point if score.effect.name == "gravity" else {}
-    return complexity(problem, (score.effect,), values, score.count)
+    return criteria.complexity(problem, (score.effect,), values, score.count)
 
 
 class Proposal(NamedTuple):
@@ -165,20 +151,22 @@ def worth_fitting(
     as that limit, so that simpler candidates come first. ``reference``: the model with another run, from which fits
     begin.
     """
-    noise, found = max(1.0, FIRST_ORDER * reduced_chi_square(problem, parent)), []
+    noise, found = max(1.0, FIRST_ORDER * criteria.reduced_chi_square(problem, parent)), []
     fitted = int(np.count_nonzero(problem.fitted))
     for x in scores:
-        needed = noise * chi_square_threshold(x.count, search.significance)
+        needed = noise * criteria.chi_square_threshold(x.count, search.settings.significance)
         if x.count < fitted - len(parent.free) and x.drop > needed:
             cost = max(parent.cost - x.drop, fitted + FIRST_ORDER * parent.cost)
-            criterion = cost + own_price(problem, x) + price_of(problem, parent)
+            criterion = cost + own_price(problem, x) + criteria.price_of(problem, parent)
             found.append(Proposal(reference or parent, x, criterion))
     return sorted(found, key=lambda x: x.criterion)
 
 
-def singles(
-    search: Search, state: SearchState, parent: Fit, costly: bool = False
-) -> tuple[SearchState, list[Proposal]]:
+#: The state after a search for candidates beside a model, and these.
+_Proposed = tuple[SearchState, list[Proposal]]
+
+
+def singles(search: Search, state: SearchState, parent: Fit, costly: bool = False) -> _Proposed:
     """Single causes beside a model that are worth a fit.
 
     Those that saturate are among them beside the declared model, and beside several causes, which may stand for one.
@@ -226,7 +214,7 @@ def _roughly_fitted(problem: FitProblem, parent: Fit, scores: Sequence[Score]) -
     return sorted(found.values(), key=lambda x: -x.drop)
 
 
-def costly_singles(search: Search, state: SearchState, parent: Fit) -> tuple[SearchState, list[Proposal]]:
+def costly_singles(search: Search, state: SearchState, parent: Fit) -> _Proposed:
     """Single causes that take a run each, beside the declared model."""
     if parent.effects:
         return state, []
@@ -255,7 +243,8 @@ def fit_proposals(
     problem, most = state.problem, search.settings.candidates
     half = (most + 1) // 2
     waiting = sorted(pool, key=lambda x: x.criterion)
-    races = {x: fitting.Race(fitting.limit_beside(_lowest(state, x)), search.deadline) for x in (True, False)}
+    lowest = {x: min(f.cost for f in state.fits.values() if not x or f.named) for x in (True, False)}
+    races = {x: fitting.Race(fitting.limit_beside(cost), search.deadline) for x, cost in lowest.items()}
     noise, ready = fitting.limit_beside(float(np.count_nonzero(problem.fitted))), list[_Evaluated]()
     promised = {x.names: x.criterion for x in pool}
 
@@ -294,7 +283,8 @@ def fit_proposals(
                 one = queue.pop(0)
                 race, predicted = races[one.proposal.named], one.proposal.score.start.predicted
                 if ahead is not None:
-                    limit = criterion_of(problem, ahead) + BIC_DIFFERENCE - price_of(problem, one.fit)
+                    price = criteria.price_of(problem, one.fit)
+                    limit = criterion_of(problem, ahead) + criteria.BIC_DIFFERENCE - price
                     race = replace(race, limit=limit)
                     if not race.in_reach(one.cost, fitting.distance(problem, one.fit.residual, predicted)):
                         state = state.with_fit(replace(one.fit, pruned=True))
@@ -304,7 +294,7 @@ def fit_proposals(
                     together.append(_fitted(problem, one.fit, predicted, race))
             for new in fitting.run_fits(problem, together):
                 state = state.with_fit(new)
-                better = ahead is None or rank(problem, new) < rank(problem, ahead)
+                better = ahead is None or criteria.rank(problem, new) < criteria.rank(problem, ahead)
                 ahead = new if better and search.is_noise(problem, new) else ahead
     return state, fits()
 
@@ -331,7 +321,7 @@ def _evaluated(state: SearchState, proposals: Sequence[Proposal]) -> list[_Evalu
     first: dict[frozenset[str], Proposal] = {}
     for x in proposals:
         first.setdefault(x.laws, x)
-    found = _each_evaluated(state.problem, list(first.values()))
+    found = list(_each_evaluated(state.problem, list(first.values())))
     costs = [(e.proposal.laws, e.cost) for e in found]
     costs += [(_laws(f.effects), f.cost) for f in state.fits.values()]
     limit = fitting.limit_beside(min(cost for _, cost in costs))
@@ -340,23 +330,16 @@ def _evaluated(state: SearchState, proposals: Sequence[Proposal]) -> list[_Evalu
     return [*found, *_each_evaluated(state.problem, others)]
 
 
-def _each_evaluated(problem: FitProblem, proposals: Sequence[Proposal]) -> list[_Evaluated]:
+def _each_evaluated(problem: FitProblem, proposals: Sequence[Proposal]) -> Iterator[_Evaluated]:
     """Models at their predicted values, where these can be solved."""
-    found = []
     for x, now in zip(proposals, _begun(problem, proposals), strict=True):
         if now.solved:
             cost = fitting.reachable_cost(problem, now)
-            found.append(_Evaluated(x, now, cost, cost + price_of(problem, now)))
-    return found
+            yield _Evaluated(x, now, cost, cost + criteria.price_of(problem, now))
 
 
 def _laws(effects: Sequence[Effect]) -> frozenset[str]:
     return frozenset(e.law for e in effects)
-
-
-def _lowest(state: SearchState, named: bool) -> float:
-    """Lowest cost of the models so far, of listed effects or of any."""
-    return min(f.cost for f in state.fits.values() if not named or f.named)
 
 
 def _reached(problem: FitProblem, fit: Fit) -> float:
@@ -367,7 +350,7 @@ def _reached(problem: FitProblem, fit: Fit) -> float:
 
 def criterion_of(problem: FitProblem, fit: Fit) -> float:
     """Of a model over the fitted readings, as candidates promise it."""
-    return fit.cost + price_of(problem, fit)
+    return fit.cost + criteria.price_of(problem, fit)
 
 
 def could_match(problem: FitProblem, ahead: Fit, proposal: Proposal, promised: float | None = None) -> bool:
@@ -383,15 +366,15 @@ def could_match(problem: FitProblem, ahead: Fit, proposal: Proposal, promised: f
     mine, theirs = proposal.effects, ahead.effects
     forms = {e.listed for e in mine} == {e.listed for e in theirs}
     numbers, others = (sum(len(e.parameters) for e in effects) for effects in (mine, theirs))
-    as_much = promised is not None and criterion < promised + BIC_DIFFERENCE
+    as_much = promised is not None and criterion < promised + criteria.BIC_DIFFERENCE
     if forms and promised is not None and numbers > others and not as_much:
         return False
     forms |= proposal.named and {e.kind.perturbs for e in mine} == {e.kind.perturbs for e in theirs}
-    limit = criterion_of(problem, ahead) + BIC_DIFFERENCE
+    limit = criterion_of(problem, ahead) + criteria.BIC_DIFFERENCE
     if forms or as_much or not x.signature.size or criterion < limit:
         return True
     left, whole = apart(problem, parent, parent.residual - ahead.residual, x)
-    own = price_of(problem, parent) + own_price(problem, x)
+    own = criteria.price_of(problem, parent) + own_price(problem, x)
     return ahead.cost + max(0.0, left - FIRST_ORDER * whole) + own < limit
 
 
@@ -495,9 +478,9 @@ def _in_best_forms(search: Search, state: SearchState) -> SearchState:
             at = replace(state, best=model)
             at, found = refitted(at, other_forms(at))
             state, fits = replace(at, best=best), fits + found
-        ranks = [(rank(state.problem, f), f) for f in fits if _admissible(search, state, f)]
+        ranks = [(criteria.rank(state.problem, f), f) for f in fits if _admissible(search, state, f)]
         lowest, new = min(ranks, key=lambda x: x[0], default=(math.inf, state.best))
-        if not lowest < rank(state.problem, state.best):
+        if not lowest < criteria.rank(state.problem, state.best):
             return state
         text = f"{new.title} in place of {state.best.title}: as many numbers as needed"
         state = replace(state, best=new).with_history(text)
@@ -523,10 +506,10 @@ def grow(search: Search, state: SearchState) -> SearchState:
     Where several leave more than noise, they are exchanged. What first order hardly shows is tried where nothing helps.
     """
     settings = search.settings
-    most_effects = 1 if lacks_test(state.problem, state.declared) else settings.max_effects
+    most_effects = 1 if criteria.lacks_test(state.problem, state.declared) else settings.max_effects
     before = state.best
     for number in itertools.count(1):
-        if number > 1 and not search.explained(state) and state.best.cost > HALVED * before.cost:
+        if number > 1 and not search.explained(state) and state.best.cost > criteria.HALVED * before.cost:
             state = with_scatter(state)
             if state.scatter:
                 break
@@ -583,7 +566,7 @@ def with_scatter(state: SearchState) -> SearchState:
     Beside the best one alone where that explains most: dry friction left 3 % of a misfit, and a force all the same.
     """
     left, whole = (f.cost + f.held_cost for f in (state.best, state.declared))
-    for fit in (state.declared, state.best) if left > HALVED * whole else (state.best,):
+    for fit in (state.declared, state.best) if left > criteria.HALVED * whole else (state.best,):
         tried = frozenset(fit.names), find_scatter.__name__
         if state.scatter or tried in state.extended:
             continue
@@ -596,7 +579,7 @@ def with_scatter(state: SearchState) -> SearchState:
 
 
 #: A search for candidates beside a model, and that model.
-_Try = tuple[Callable[[Search, SearchState, Fit], tuple[SearchState, list[Proposal]]], Fit]
+_Try = tuple[Callable[[Search, SearchState, Fit], _Proposed], Fit]
 
 
 def _visible(search: Search, state: SearchState) -> list[_Try]:
@@ -615,7 +598,7 @@ def _best_named(state: SearchState) -> list[Fit]:
         return []
     size = len(state.best.effects)
     named = [f for f in state.fits.values() if len(f.effects) == size and f.named and f.solved]
-    return sorted(named, key=lambda f: rank(state.problem, f))[:1]
+    return sorted(named, key=lambda f: criteria.rank(state.problem, f))[:1]
 
 
 def _hidden(search: Search, state: SearchState) -> list[_Try]:
@@ -634,13 +617,13 @@ def _hidden(search: Search, state: SearchState) -> list[_Try]:
 
 def _admissible(search: Search, state: SearchState, fit: Fit) -> bool:
     """Whether a model with causes improves on those that it contains."""
-    return is_improvement(state.problem, fit, parent_of(state, fit), search.significance)
+    return criteria.is_improvement(state.problem, fit, parent_of(state, fit), search.settings.significance)
 
 
 def _entry(state: SearchState, number: int, proposal: Proposal) -> Candidate:
     """A candidate for the report, with what its fit gave."""
     problem, (parent, score, _) = state.problem, proposal
-    drop = score.drop / reduced_chi_square(problem, parent)
+    drop = score.drop / criteria.reduced_chi_square(problem, parent)
     entry = Candidate(number, parent.names, score.effect.name, drop, note=score.note)
     fit = state.fits.get(proposal.names)
     if fit is None:
@@ -660,9 +643,9 @@ def _mean_costs(problem: FitProblem, fit: Fit) -> tuple[float, float]:
 def _accepted(search: Search, state: SearchState, fits: Sequence[Fit]) -> list[Fit]:
     """Models that improve on those that they contain and on the best one, the best first."""
     problem = state.problem
-    limit = rank(problem, state.best) - BIC_DIFFERENCE
-    found = [f for f in fits if _admissible(search, state, f) and rank(problem, f) < limit]
-    return sorted((f for f in found if _worthwhile(state, f)), key=lambda f: rank(problem, f))
+    limit = criteria.rank(problem, state.best) - criteria.BIC_DIFFERENCE
+    found = [f for f in fits if _admissible(search, state, f) and criteria.rank(problem, f) < limit]
+    return sorted((f for f in found if _worthwhile(state, f)), key=lambda f: criteria.rank(problem, f))
 
 
 def _worthwhile(state: SearchState, fit: Fit) -> bool:
@@ -670,14 +653,14 @@ def _worthwhile(state: SearchState, fit: Fit) -> bool:
     if len(fit.effects) <= MANY:
         return True
     before, after = (f.held_cost if np.any(state.problem.held_out) else f.cost for f in (state.best, fit))
-    return after <= (1.0 - WORTHWHILE) * before
+    return after <= (1.0 - criteria.WORTHWHILE) * before
 
 
-def pairs(search: Search, state: SearchState, parent: Fit) -> tuple[SearchState, list[Proposal]]:
+def pairs(search: Search, state: SearchState, parent: Fit) -> _Proposed:
     """Effects that show only beside another one (`Effect.after`), beside that one, which is made strong."""
     state, scores, _ = scores_beside(state, parent)
     found, present, problem = list[Proposal](), {e.listed for e in parent.effects}, state.problem
-    if len(parent.effects) + 2 > search.settings.max_effects or lacks_test(problem, parent):
+    if len(parent.effects) + 2 > search.settings.max_effects or criteria.lacks_test(problem, parent):
         return state, found
     excitation = problem.excitation_range(parent.run)
     for later in (e for e in problem.catalogue if e.after and e.name not in present):
@@ -709,7 +692,7 @@ def _saturates(effect: Effect) -> TypeGuard[EffectAtPlace]:
     return isinstance(effect, EffectAtPlace) and effect.general.saturates
 
 
-def at_full_strength(search: Search, state: SearchState, parent: Fit) -> tuple[SearchState, list[Proposal]]:
+def at_full_strength(search: Search, state: SearchState, parent: Fit) -> _Proposed:
     """Causes that saturate, simulated at full strength beside a model: their derivatives tell the direction.
 
     Of those that promise most to first order, load steps that are each solved as a whole show the best two, where they
@@ -752,15 +735,15 @@ def backward_selection(search: Search, state: SearchState) -> SearchState:
         unnecessary = [(e, f) for e, f in without if f.solved and not _falls_behind(search, problem, f, best)]
         if not unnecessary:
             break
-        e, best = min(unnecessary, key=lambda p: bic(problem, p[1]))
+        e, best = min(unnecessary, key=lambda p: criteria.bic(problem, p[1]))
         state = search.keep(replace(state, best=best).with_history(f"{e.name} dropped: the others suffice"))
     return state
 
 
 def _falls_behind(search: Search, problem: FitProblem, smaller: Fit, best: Fit) -> bool:
     """Whether the best model is better than one without a cause by all criteria."""
-    improves = is_improvement(problem, best, smaller, search.significance)
-    return improves and bic(problem, smaller) > bic(problem, best)
+    improves = criteria.is_improvement(problem, best, smaller, search.settings.significance)
+    return improves and criteria.bic(problem, smaller) > criteria.bic(problem, best)
 
 
 def exchange(search: Search, state: SearchState, progress: float = 0.75, costly: bool = True) -> SearchState:
@@ -801,9 +784,10 @@ def exchange(search: Search, state: SearchState, progress: float = 0.75, costly:
         near = worth_fitting(search, problem, base, rescored(problem, base, others, reference.run))
         state, more = fit_proposals(search, state, near, best)
         fits += more
-    better = [f for f in fits if rank(problem, f) < rank(problem, best) and _admissible(search, state, f)]
+    limit = criteria.rank(problem, best)
+    better = [f for f in fits if criteria.rank(problem, f) < limit and _admissible(search, state, f)]
     if better:
-        new = min(better, key=lambda f: rank(problem, f))
+        new = min(better, key=lambda f: criteria.rank(problem, f))
         text = f"{new.title} in place of {best.title}: it explains more"
         state = search.keep(refined(replace(state, best=new).with_history(text)))
         state = backward_selection(search, state)
@@ -815,7 +799,7 @@ def with_rivals(search: Search, state: SearchState) -> SearchState:
     rivals, mine = dict[str, tuple[str, ...]](), set(state.best.names)
     for other in as_good(search, state):
         theirs = set(other.names)
-        if len(theirs - mine) != 1 or at_bound(state.problem, other):
+        if len(theirs - mine) != 1 or criteria.at_bound(state.problem, other):
             continue
         for name in mine - theirs:
             rivals[name] = tuple(dict.fromkeys((*rivals.get(name, ()), *(theirs - mine))))

@@ -52,14 +52,9 @@ class Search:
         """Whether the time of the search is over."""
         return clock() > self.deadline
 
-    @property
-    def significance(self) -> float:
-        """Chance of adding an effect to data that miss nothing [1]."""
-        return self.settings.significance
-
     def is_noise(self, problem: FitProblem, fit: Fit) -> bool:
         """Whether a model leaves nothing but noise."""
-        return criteria.residual_is_noise(problem, fit, self.significance)
+        return criteria.residual_is_noise(problem, fit, self.settings.significance)
 
     def explained(self, state: SearchState) -> bool:
         """Whether the best model leaves nothing but noise."""
@@ -226,7 +221,7 @@ def _shifted(problem: FitProblem, fit: Fit, shift: Array) -> Fit:
 def as_good(search: Search, state: SearchState) -> list[Fit]:
     """Other models that explain the data about as well as the best one, by their evidence."""
     problem, best = state.problem, state.best
-    noise = criteria.effective_noise(problem, best, search.significance)
+    noise = criteria.effective_noise(problem, best, search.settings.significance)
     limit = criteria.bic(problem, best) + criteria.BIC_DIFFERENCE * noise
     others = [(criteria.bic(problem, f), f) for f in state.fits.values() if f.solved and f is not best]
     return [f for value, f in sorted(others, key=lambda x: x[0]) if value < limit]
@@ -245,7 +240,7 @@ def posterior(search: Search, state: SearchState) -> list[tuple[Fit, float]]:
         alike = not fit.named or {e.listed for e in fit.effects} == {e.listed for e in best.effects}
         return alike and float(np.sum((fit.residual - best.residual) ** 2)) < 1.0
 
-    noise = criteria.effective_noise(problem, best, search.significance)
+    noise = criteria.effective_noise(problem, best, search.settings.significance)
     solved = [f for f in state.fits.values() if f.solved] or [best]
     logarithms = np.array([-0.5 * criteria.rank(problem, f) / noise for f in solved])
     weights = np.exp(logarithms - np.max(logarithms))

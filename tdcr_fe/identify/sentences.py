@@ -21,18 +21,12 @@ from tdcr_fe.report.environment import DASH, SPACE, environment, estimate, fixed
 LEAST_CORRELATION, MOST_CORRELATIONS = 0.1, 12
 
 
-def headline(result: IdentificationResult) -> str:
-    """The verdict in one sentence."""
-    return _paragraphs(result)[0]
-
-
 def sentences(result: IdentificationResult) -> list[str]:
-    """Further sentences on the first screen."""
-    return _paragraphs(result)[1:]
+    """The verdict in one sentence, and further sentences on the first screen.
 
-
-def _paragraphs(result: IdentificationResult) -> list[str]:
-    """Those of the template with all sentences, which is without the numbers and lists that are made here."""
+    They are the paragraphs of the template with all sentences, which is without the numbers and lists that are made
+    here.
+    """
     data, planned = result.data, result.next_experiment
     text = environment(__package__).get_template("sentences.txt.j2").render(
         result=result,
@@ -263,7 +257,7 @@ def _aligned(*rows: Sequence[str]) -> list[str]:
 
 def summary(result: IdentificationResult) -> str:
     """The verdict, the statistics of the fit and the effects with their values, as plain text."""
-    lines = [headline(result), *sentences(result), *_aligned(("", "declared", "fitted"), *statistics(result))]
+    lines = [*sentences(result), *_aligned(("", "declared", "fitted"), *statistics(result))]
     numbers, pairs = fitted_numbers(result), correlations(result)
     if numbers:
         head = ("parameter", f"value{SPACE}±{SPACE}95{SPACE}%", "declared", "")

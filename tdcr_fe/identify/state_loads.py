@@ -20,18 +20,9 @@ from tdcr_fe.effects import Parameter
 from tdcr_fe.effects.base import Kind, Values
 from tdcr_fe.elements import Array
 from tdcr_fe.identify.balance import scale
-from tdcr_fe.identify.bay_state import COMPONENTS, FORCE, MOMENT, BayState, last_direction
-from tdcr_fe.identify.causes import (
-    PER_FACTOR,
-    Attraction,
-    Cause,
-    Cord,
-    SettlingLoad,
-    StateLoad,
-    number,
-    settling_span,
-)
-from tdcr_fe.identify.criteria import OTHER_GRAVITY, UNNAMED
+from tdcr_fe.identify.bay_state import COMPONENTS, FORCE, MOMENT, BayState, end_of_bay, last_direction
+from tdcr_fe.identify.causes import Attraction, Cord, SettlingLoad, StateLoad, number, settling_span
+from tdcr_fe.identify.criteria import OTHER_GRAVITY, PER_FACTOR, UNNAMED
 from tdcr_fe.identify.rows import possible_starts, tip_forces
 from tdcr_fe.model.loading import resolve
 
@@ -339,7 +330,7 @@ def sentence(term: Term) -> str:
 _Coefficients = Sequence[tuple[str, str, Callable[[BayState], Array]]]
 
 
-def state_loads(problem: FitProblem, state: BayState, progress: str) -> Iterator[Cause]:
+def state_loads(problem: FitProblem, state: BayState, progress: str) -> Iterator[StateLoad]:
     """Causes that are moments and forces on the backbone which depend on its state.
 
     ``progress``: what a drift depends on, "time" or "row"; empty where drifts are left out.
@@ -386,7 +377,7 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> Iterator
         if "row" in free.depends_on and not progress:
             continue
         for bay in range(bays - 1 if free.at_tip else 0, bays):
-            at = state.place(bay)
+            at = end_of_bay(state.edges, bay)
             terms = [(a, free.unit, partial(free.action, bay=bay, axis=axis)) for axis, a in enumerate("xyz")]
             price = 1.5 + math.log(state.choices(bay)) + math.log(free.factor.choices)
             kind, what = Kind(free.perturbs, free.depends_on, at), f"{free.perturbs} {free.text}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -62,7 +62,7 @@ def conclude(search: Search, state: SearchState, begun: float = 0.0) -> Identifi
             ceiling = held_out_ceiling(problem, declared, best)
     spread = covariance(problem, best)
     deviation = np.sqrt(np.maximum(np.diag(spread), 0.0))
-    effects = added_effects(search, state, deviation, explained)
+    effects = tuple(added_effects(search, state, deviation, explained))
     certain = unlisted <= 1.0 - NAMED and all(e.kind_probability > NAMED for e in effects)
     held = {data.readings[i].step for i in np.flatnonzero(problem.held_out)}
     corrected = problem.acted(best.effects, best.values, best.run)
@@ -90,7 +90,7 @@ def conclude(search: Search, state: SearchState, begun: float = 0.0) -> Identifi
         ceiling=ceiling,
         next_experiment=state.next_experiment,
         scatter=state.scatter,
-        by_set=_by_set(problem, declared, best),
+        by_set=tuple(_by_set(problem, declared, best)),
         unlisted=unlisted,
     )
 
@@ -108,7 +108,7 @@ def _undecided(search: Search, state: SearchState, explained: bool) -> Remainder
     alone = not (insufficient or best.effects)
     scatter = state.scatter if not insufficient and state.scatter and state.scatter.explains_all else None
     faulty = state.data_fault or (wrong_sigma(problem, best) if alone and scatter is None else "")
-    faulty = faulty or ("" if explained else gross_errors(problem, best, search.significance))
+    faulty = faulty or ("" if explained else gross_errors(problem, best, search.settings.significance))
     unknown_noise = criteria.mostly_estimated_noise(problem.data) if explained and alone else ""
     what = "" if scatter is None else scatter.what
     shifted = "another shift of all positions in every step would explain all of the remaining error"
@@ -126,20 +126,17 @@ def _undecided(search: Search, state: SearchState, explained: bool) -> Remainder
 def _verdict(state: SearchState, undecided: Remainder | None, explained: bool, certain: bool) -> Verdict:
     """The verdict: the first that holds; ``certain``: whether kinds and places of all causes are."""
     best = state.best
-    return next(
-        verdict
-        for verdict, holds in (
-            (Verdict.UNFINISHED, state.interrupted),
-            (Verdict.CANNOT_TELL, undecided is not None),
-            (Verdict.UNFINISHED, not explained and not MAY_EXPLAIN.isdisjoint(state.not_tried)),
-            (Verdict.PARTLY_EXPLAINED, not explained and best.effects),
-            (Verdict.UNEXPLAINED, not explained),
-            (Verdict.LAW_FOUND, certain and not best.named),
-            (Verdict.EXPLAINED, best.effects),
-            (Verdict.NOTHING_MISSING, True),
-        )
-        if holds
+    verdicts = (
+        (Verdict.UNFINISHED, state.interrupted),
+        (Verdict.CANNOT_TELL, undecided is not None),
+        (Verdict.UNFINISHED, not explained and not MAY_EXPLAIN.isdisjoint(state.not_tried)),
+        (Verdict.PARTLY_EXPLAINED, not explained and best.effects),
+        (Verdict.UNEXPLAINED, not explained),
+        (Verdict.LAW_FOUND, certain and not best.named),
+        (Verdict.EXPLAINED, best.effects),
+        (Verdict.NOTHING_MISSING, True),
     )
+    return next(verdict for verdict, holds in verdicts if holds)
 
 
 def _remaining(explained: bool, tests: Sequence[Structure]) -> Remainder:
@@ -153,15 +150,14 @@ def _remaining(explained: bool, tests: Sequence[Structure]) -> Remainder:
     return Remainder(groups[0], f"the residual is largest in these groups of readings: {listed}")
 
 
-def _by_set(problem: FitProblem, declared: Fit, best: Fit) -> tuple[SetErrors, ...]:
-    """Errors on every one of several data sets; empty where there is one."""
-    found, first, steps = [], 0, problem.readings.step
+def _by_set(problem: FitProblem, declared: Fit, best: Fit) -> Iterator[SetErrors]:
+    """Errors on every one of several data sets; none where there is one."""
+    first, steps = 0, problem.readings.step
     for name, count in problem.data.parts:
         own = (steps >= first) & (steps < first + count)
         both = (_errors(problem, fit, own) for fit in (declared, best))
-        found.append(SetErrors(name, first + 1, first + count, *both))
+        yield SetErrors(name, first + 1, first + count, *both)
         first += count
-    return tuple(found)
 
 
 def _shapes(problem: FitProblem, base: Fit, best: Fit, held_out: set[int]) -> Shapes:
@@ -174,21 +170,18 @@ def _shapes(problem: FitProblem, base: Fit, best: Fit, held_out: set[int]) -> Sh
     at = readings.step[index], np.searchsorted(locations, s), readings.axes[index]
     for part, residual in zip(table, (0.0 * base.residual, base.residual, best.residual), strict=True):
         part[at] = (readings.values - problem.lengths(residual))[index]
-    backbones = []
-    for fit in (base, best):
-        observation = problem.with_effects(fit.effects, fit.values).observation
-        backbones.append(observation.seen(fit.run.positions))
+    each = ((problem.with_effects(fit.effects, fit.values), fit.run) for fit in (base, best))
+    backbones = (experiment.observation.seen(run.positions) for experiment, run in each)
     return Shapes(np.array([n in held_out for n in data.step_ids]), locations, *table, *backbones)
 
 
 def added_effects(
     search: Search, state: SearchState, deviation: Array, explained: bool
-) -> tuple[AddedEffect, ...]:
+) -> Iterator[AddedEffect]:
     """Effects in the order of adding, with the evidence for each."""
     problem, best, weights = state.problem, state.best, posterior(search, state)
     # one cause in place of several of one kind is of that kind
     another = criteria.probability_of_unlisted(best) if len({e.kind for e in best.effects}) == 1 else 0.0
-    added = []
     before: Fit | None = state.declared
     for i, e in enumerate(best.effects):
         kind, names = e.kind, frozenset(x.name for x in best.effects[: i + 1])
@@ -199,30 +192,27 @@ def added_effects(
         errors = NOT_EVALUATED if after is None else _errors(problem, after, parameters=len(after.free))
         evidence: dict[str, float] = {}
         if before is not None and after is not None:
-            threshold = criteria.chi_square_threshold(len(e.parameters), search.significance)
+            threshold = criteria.chi_square_threshold(len(e.parameters), search.settings.significance)
             evidence = {
                 "chi2_drop_fit": before.cost - after.cost,
                 "chi2_drop_held_out": before.held_cost - after.held_cost,
                 "needed_drop": threshold * criteria.reduced_chi_square(problem, after),
             }
-        added.append(
-            AddedEffect(
-                name=e.listed,
-                parameters=estimates(problem, best, e, deviation),
-                after=errors,
-                evidence=evidence,
-                kind=kind,
-                indistinguishable_from=rivals,
-                separating_experiment=separating_experiments(e, rivals, problem.catalogue),
-                found=explained and is_named(e) and probability > NAMED,
-                probability=probability,
-                kind_probability=alike,
-                form=e.name,
-                sentence=e.sentence if isinstance(e, Cause) else "",
-            )
+        yield AddedEffect(
+            name=e.listed,
+            parameters=estimates(problem, best, e, deviation),
+            after=errors,
+            evidence=evidence,
+            kind=kind,
+            indistinguishable_from=rivals,
+            separating_experiment=separating_experiments(e, rivals, problem.catalogue),
+            found=explained and is_named(e) and probability > NAMED,
+            probability=probability,
+            kind_probability=alike,
+            form=e.name,
+            sentence=e.sentence if isinstance(e, Cause) else "",
         )
         before = after
-    return tuple(added)
 
 
 def separating_experiments(e: Effect, rivals: Sequence[str], catalogue: Sequence[Effect]) -> str:

@@ -10,7 +10,7 @@ import sys
 
 import pytest
 from arcs import arc_result
-from inputs import ROBOT, SCENARIO, changed, write
+from inputs import ROBOT, SCENARIO, changed, said, write
 
 from tdcr_fe import Interrupted, TDCRWarning, cli
 from tdcr_fe.commands.common import Noted, complain_of_left_out
@@ -34,7 +34,7 @@ def calls(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("message", "failed", "status", "said"),
+    ("message", "failed", "status", "words"),
     [
         ("residual 3.2 after 50 iterations", 2, 1,
             'step 2 of 2 ("far") did not converge; 1 step solved before it is in'),
@@ -42,7 +42,7 @@ def calls(monkeypatch):
         ("interrupted", 2, 130, 'interrupted in step 2 of 2 ("far"); 1 step solved before it is in'),
     ],
 )  # fmt: skip
-def test_what_is_solved_before_a_failure_stays(tmp_path, monkeypatch, capsys, message, failed, status, said):
+def test_what_is_solved_before_a_failure_stays(tmp_path, monkeypatch, capsys, message, failed, status, words):
     def simulate(robot, model, steps, settings=None, progress=None, **beside):
         full = arc_result(robot, list(steps))
         ended = {"converged": False, "message": message, "failed_step": failed}
@@ -53,10 +53,8 @@ def test_what_is_solved_before_a_failure_stays(tmp_path, monkeypatch, capsys, me
 
     monkeypatch.setattr("tdcr_fe.commands.run.simulate", simulate)
     out, scenario = tmp_path / "out", changed(SCENARIO, {"steps.1.label": "far"})
-    command = ["run", str(write(tmp_path, scenario=scenario)), "-o", str(out), "--no-pictures"]
-    assert cli.main(command) == status
-    err = capsys.readouterr().err
-    assert said in err and (message in err or status == 130)
+    err = said(capsys, status, "run", write(tmp_path, scenario=scenario), "-o", out, "--no-pictures")
+    assert words in err and (message in err or status == 130)
     assert {p.name for p in out.iterdir()} == set(RESULT_FILES)
     assert len((out / "steps.csv").read_text().splitlines()) == failed
     summary = json.loads((out / "summary.json").read_text())
@@ -69,8 +67,7 @@ def test_interruption_while_drawing_leaves_the_tables(tmp_path, calls, monkeypat
         raise KeyboardInterrupt
 
     monkeypatch.setattr("tdcr_fe.report.plots.save_pictures", save_pictures)
-    assert cli.main(["run", str(write(tmp_path)), "-o", str(tmp_path / "out")]) == 130
-    assert "interrupted while writing" in capsys.readouterr().err
+    assert "interrupted while writing" in said(capsys, 130, "run", write(tmp_path), "-o", tmp_path / "out")
     assert {p.name for p in (tmp_path / "out").iterdir()} == set(RESULT_FILES)
 
 
@@ -81,8 +78,8 @@ def test_wrong_input_returns_2_names_every_mistake_and_writes_nothing(tmp_path, 
     printed = capsys.readouterr()
     assert printed.out == ""
     assert printed.err.splitlines()[0] == "tdcr-fe: 3 mistakes in the input; nothing was written"
-    said = ("robot.toml: backbone.length = -1: must be a positive", "model.fricton = 1: unknown", "-o = ")
-    assert all(words in printed.err for words in said)
+    mistakes = ("robot.toml: backbone.length = -1: must be a positive", "model.fricton = 1: unknown", "-o = ")
+    assert all(words in printed.err for words in mistakes)
     assert calls == []
     assert not (tmp_path / "out").exists()
 
@@ -92,15 +89,14 @@ def test_contradiction_that_only_the_solver_knows_returns_2(tmp_path, monkeypatc
         raise ValueError("tendon t2: a displacement needs axial_stiffness")
 
     monkeypatch.setattr("tdcr_fe.commands.run.simulate", simulate)
-    assert cli.main(["run", str(write(tmp_path)), "-o", str(tmp_path / "out")]) == 2
-    assert "scenario.toml: tendon t2: a displacement needs axial_stiffness" in capsys.readouterr().err
+    err = said(capsys, 2, "run", write(tmp_path), "-o", tmp_path / "out")
+    assert "scenario.toml: tendon t2: a displacement needs axial_stiffness" in err
     assert not (tmp_path / "out").exists()
 
 
 def test_file_that_cannot_be_written_is_no_traceback(tmp_path, calls, capsys):
     (tmp_path / "out" / "steps.csv").mkdir(parents=True)
-    assert cli.main(["run", str(write(tmp_path)), "-o", str(tmp_path / "out"), "--no-pictures"]) == 1
-    assert "steps.csv" in capsys.readouterr().err
+    assert "steps.csv" in said(capsys, 1, "run", write(tmp_path), "-o", tmp_path / "out", "--no-pictures")
 
 
 def test_demo_is_the_papers_robot_pulled_loaded_and_released(tmp_path, calls, capsys):
@@ -143,8 +139,7 @@ def test_python_m_is_the_same_command(tmp_path):
     command = [sys.executable, "-m", "tdcr_fe", "run", str(missing), "-o", str(tmp_path / "out")]
     done = subprocess.run(command, capture_output=True, text=True, env=environment)
     assert (done.returncode, done.stdout) == (2, "")
-    said = f"tdcr-fe: 1 mistake in the input; nothing was written\n  {missing}: no such file\n"
-    assert done.stderr == said
+    assert done.stderr == f"tdcr-fe: 1 mistake in the input; nothing was written\n  {missing}: no such file\n"
 
 
 def test_of_many_rows_that_were_left_out_the_first_are_printed(capsys):

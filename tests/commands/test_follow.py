@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
+from inputs import said
 from robots import LENGTH, three
 
 from tdcr_fe import LoadStep, Model, cli, model_to_toml, robot_to_toml, simulate
@@ -20,12 +21,12 @@ def robot(tmp_path):
     return tmp_path / "robot.toml"
 
 
-def follow(robot, path, *options):
-    """The exit status of the command with this text as path.csv."""
+def command(robot, path, *options):
+    """The command with this text as path.csv."""
     folder = robot.parent
     (folder / "path.csv").write_text(path)
-    paths = [str(robot), str(folder / "path.csv"), "-o", str(folder / "out")]
-    return cli.main(["follow", *paths, "--model", str(folder / "model.toml"), "--no-pictures", *options])
+    files = [robot, folder / "path.csv", "-o", folder / "out", "--model", folder / "model.toml"]
+    return ["follow", *map(str, files), "--no-pictures", *options]
 
 
 @pytest.mark.parametrize("displacements", [False, True], ids=["tensions", "displacements"])
@@ -35,7 +36,7 @@ def test_run_reproduces_the_path(tmp_path, robot, capsys, displacements):
     rows = [f"{k},{x!r},{y!r},{z!r}" for k, (x, y, z) in enumerate(tips.tolist(), start=1)]
     options = ["--tolerance", "2.5e-7", *(["--displacements"] if displacements else [])]
     path = "\n".join(["step,x,y,z", *rows])
-    assert follow(robot, path, "--largest", "2", "--pretension", "0.1", *options) == 0
+    assert cli.main(command(robot, path, "--largest", "2", "--pretension", "0.1", *options)) == 0
     assert "2 reached" in capsys.readouterr().out
     out = tmp_path / "out"
     table = pd.read_csv(out / "targets.csv")
@@ -57,7 +58,7 @@ def test_run_reproduces_the_path(tmp_path, robot, capsys, displacements):
 
 def test_a_target_out_of_reach_is_named_and_the_exit_status_is_0(tmp_path, robot, capsys):
     path = "step;x;y;z;dx;dy;dz;label\n1;0,0;0,0;0,3;;;;above\n"
-    assert follow(robot, path, "--largest", "t1=2", "t2=2", "t3=1.5") == 0
+    assert cli.main(command(robot, path, "--largest", "t1=2", "t2=2", "t3=1.5")) == 0
     out, err = capsys.readouterr()
     assert "targets       1: 0 reached within 0.25 mm, 1 out of reach" in out
     assert "out of reach: 1 target (1), at most 50 mm away; see" in err and "targets.csv" in err
@@ -67,20 +68,19 @@ def test_a_target_out_of_reach_is_named_and_the_exit_status_is_0(tmp_path, robot
 
 
 def test_an_empty_cell_leaves_a_coordinate_open(tmp_path, robot, capsys):
-    assert follow(robot, "step,x,y,z\n1,0.05,0.0,\n", "--largest", "2", "--pretension", "0.1") == 0
+    assert cli.main(command(robot, "step,x,y,z\n1,0.05,0.0,\n", "--largest", "2", "--pretension", "0.1")) == 0
     table = pd.read_csv(tmp_path / "out" / "targets.csv")
     assert table["status"][0] == "reached" and np.isnan(table["z"][0])
     assert table["tip_x"][0] == pytest.approx(0.05, abs=1e-5) and table["tip_z"][0] < 0.25
     assert table["error"][0] == pytest.approx(np.hypot(table["tip_x"][0] - 0.05, table["tip_y"][0]))
-    assert follow(robot, "step,x,y,z\n1,,,\n", "--largest", "2") == 2
-    assert "line 2, x = empty: must be a finite number where y and z are open" in capsys.readouterr().err
+    text = said(capsys, 2, *command(robot, "step,x,y,z\n1,,,\n", "--largest", "2"))
+    assert "line 2, x = empty: must be a finite number where y and z are open" in text
 
 
 def test_mistakes_of_all_inputs_are_reported_together(tmp_path, robot, capsys):
     rows = ["1,0,0,0.2,,,,", "1,0,0,x,,,,", "2,0,0,0.2,0,0,0,", "3,0,0,0.2,1,,0,5", "4,0,0,0.2,,,,1"]
     path = "\n".join(["step,x,y,z,dx,dy,dz,time", *rows])
-    assert follow(robot, path, "--largest", "1", "--pretension", "t9=0.1") == 2
-    text = capsys.readouterr().err
+    text = said(capsys, 2, *command(robot, path, *ONE, "--pretension", "t9=0.1"))
     for expected in (
         "line 3, z = x: must be a finite number",
         "line 3, step = 1: the step appears more than once",
@@ -96,8 +96,7 @@ def test_mistakes_of_all_inputs_are_reported_together(tmp_path, robot, capsys):
 def test_targets_in_another_unit_are_refused_with_it(tmp_path, robot, capsys, unit, size):
     """Centimetres were taken for millimetres, once for every number of the file."""
     rows = "".join(f"{k},{size * x},0,{size * 0.24}\n" for k, x in enumerate((0.03, 0.05), 1))
-    assert follow(robot, "step,x,y,z\n" + rows, "--largest", "1") == 2
-    text = capsys.readouterr().err
+    text = said(capsys, 2, *command(robot, "step,x,y,z\n" + rows, *ONE))
     distance = size * np.hypot(0.05, 0.24)
     for words in ("1 mistake", f"targets[1].position = {distance:g} m", f"was it meant in {unit}?"):
         assert words in text
@@ -116,6 +115,5 @@ def test_targets_in_another_unit_are_refused_with_it(tmp_path, robot, capsys, un
     ],
 )
 def test_columns_and_options_are_checked(tmp_path, robot, capsys, text, options, expected):
-    assert follow(robot, text, *options) == 2
-    assert expected in capsys.readouterr().err
+    assert expected in said(capsys, 2, *command(robot, text, *options))
     assert not (tmp_path / "out").exists()

@@ -8,11 +8,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from arcs import arc_result, paper_robot
-from inputs import REMOVED, ROBOT, SCENARIO, changed, write
+from inputs import REMOVED, ROBOT, SCENARIO, changed, said, write
 
 import tdcr_fe as tdcr
 from tdcr_fe import cli, read_scenario, robot_to_toml, scenario_to_toml, simulate
-from tdcr_fe.cli import main
 from tdcr_fe.commands import run as command
 from tdcr_fe.commands.run import step_table
 from tdcr_fe.validation.fuzz.drawing import draw
@@ -24,9 +23,8 @@ NO_MASS += "disks.mass or tip_mass"
 def test_odd_values_are_warned_of_once_and_in_the_summary(tmp_path, capsys):
     """In 0.1 gravity without mass ended with exit status 0 and no warning."""
     path = write(tmp_path, changed(ROBOT, {"backbone.density": REMOVED, "disks.mass": REMOVED}))
-    assert cli.main(["run", str(path), "-o", str(tmp_path / "out"), "--no-pictures"]) == 0
-    said = capsys.readouterr().err
-    assert said.startswith(f"tdcr-fe: warning: {NO_MASS}\n") and said.count("nothing has mass") == 1
+    err = said(capsys, 0, "run", path, "-o", tmp_path / "out", "--no-pictures")
+    assert err.startswith(f"tdcr-fe: warning: {NO_MASS}\n") and err.count("nothing has mass") == 1
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["warnings"][0] == NO_MASS
 
 
@@ -42,11 +40,9 @@ def test_long_run_is_announced_by_what_it_has_solved(tmp_path, capsys, monkeypat
     path = write(tmp_path, scenario=SCENARIO + "[[steps]]\ntensions = { t1 = 1.0 }\n" * 4000)
     monkeypatch.setattr(command, "LOOK", 0.4)  # so long may the results of what was solved take
     monkeypatch.setattr(command, "LONG_RUN", 0.3)
-    arguments = ["-o", str(tmp_path / "out"), "--no-pictures", "--minutes", "0.02"]
-    assert cli.main(["run", str(path), *arguments]) == 1
-    said = capsys.readouterr().err
-    assert re.search(r"of 4002 load steps solved in \d s: .*--minutes keeps what is solved", said)
-    assert "stopped at the time limit of 0.02 minutes in step" in said
+    err = said(capsys, 1, "run", path, "-o", tmp_path / "out", "--no-pictures", "--minutes", "0.02")
+    assert re.search(r"of 4002 load steps solved in \d s: .*--minutes keeps what is solved", err)
+    assert "stopped at the time limit of 0.02 minutes in step" in err
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert not summary["converged"] and len(summary["steps"]) >= 1
     assert len(pd.read_csv(tmp_path / "out" / "steps.csv")) == len(summary["steps"])
@@ -66,15 +62,13 @@ def test_a_file_of_another_kind_is_named(tmp_path, capsys):
     """It gave six mistakes: robot and steps missing, and every table of the robot unknown."""
     write(tmp_path)
     robot = tmp_path / "robot.toml"
-    assert cli.main(["run", str(robot), "-o", str(tmp_path / "out")]) == 2
-    lines = capsys.readouterr().err.splitlines()
+    out = "-o", tmp_path / "out"
+    lines = said(capsys, 2, "run", robot, *out).splitlines()
     assert lines[1:] == [f"  {robot}: is the file of a robot; give the scenario.toml that names it"]
-    scenario = str(tmp_path / "scenario.toml")
-    out = ["--largest", "1", "-o", str(tmp_path / "out")]
-    assert cli.main(["follow", scenario, "path.csv", *out]) == 2
-    assert "scenario.toml: is the file of a scenario; give its robot, robot.toml" in capsys.readouterr().err
-    assert cli.main(["run", str(tmp_path / "nothere.toml"), *out[2:]]) == 2
-    assert capsys.readouterr().err.endswith("nothere.toml: no such file\n")  # robot.toml was proposed
+    err = said(capsys, 2, "follow", tmp_path / "scenario.toml", "path.csv", "--largest", "1", *out)
+    assert "scenario.toml: is the file of a scenario; give its robot, robot.toml" in err
+    err = said(capsys, 2, "run", tmp_path / "nothere.toml", *out)
+    assert err.endswith("nothere.toml: no such file\n")  # robot.toml was proposed
 
 
 @pytest.mark.parametrize(("tendon_path", "friction"), [("straight", "per-hole"), ("continuous", "none")])
@@ -151,7 +145,7 @@ def test_random_scenarios_through_the_command(seed, tmp_path):
         pytest.skip("robot.toml has no such routing")
     path = write(tmp_path, robot_to_toml(case.robot), scenario_to_toml(case.model, case.steps))
     out = tmp_path / "out"
-    status = main(["run", str(path), "-o", str(out), "--no-pictures", "-q"])
+    status = cli.main(["run", str(path), "-o", str(out), "--no-pictures", "-q"])
     scenario = read_scenario(path)
     result = simulate(scenario.robot, scenario.model, scenario.steps, scenario.settings)
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))

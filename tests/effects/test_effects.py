@@ -9,15 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from inputs import write
-from robots import BACKBONE, LENGTH, paper, seven, single, three
+from robots import BACKBONE, LENGTH, MODEL, paper, seven, single, three
 
 from tdcr_fe import Disks, InputError, Load, LoadStep, Model, Robot, Tendon, read_scenario, simulate
 from tdcr_fe.effects import EFFECTS, Experiment, effect, with_effect, with_effects
 from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
 from tdcr_fe.model.backbone import Backbone, Superelastic
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting
-
-MODEL = Model(elements_per_bay=1)
 
 
 def pulled(*tensions, **loads):
@@ -238,17 +236,19 @@ def with_channels(*routings):
     return Experiment(Robot(BODY, tendons=tendons), SOFT_MODEL, tuple(LoadStep(tensions=x) for x in pulls))
 
 
-@pytest.mark.parametrize(
-    ("values", "channels"),
-    [
-        ({"factor_end": 0.5}, [ConvergingRouting(6e-3, 3e-3, 0.0), ConvergingRouting(6e-3, 3e-3, 120.0)]),
-        ({"angle_end_a": 0.2 * math.pi}, [HelicalRouting(6e-3, 0.1, 0.0), CHANNELS[1]]),
-        # The number of a tendon counts before that of all.
-        ({"factor_base_a": 1.2, "factor_end_a": 1.2, "factor_base": 0.9, "factor_end": 0.9},
-            [ParallelRouting(7.2e-3, 0.0), ParallelRouting(5.4e-3, 120.0)]),
-    ],
-    ids=["converging", "helix", "one before all"],
-)  # fmt: skip
+#: Numbers of the effect, and the channels that they lead to.
+MISPLACED = {
+    "converging": (
+        {"factor_end": 0.5}, [ConvergingRouting(6e-3, 3e-3, 0.0), ConvergingRouting(6e-3, 3e-3, 120.0)]),
+    "helix": ({"angle_end_a": 0.2 * math.pi}, [HelicalRouting(6e-3, 0.1, 0.0), CHANNELS[1]]),
+    # The number of a tendon counts before that of all.
+    "one before all": (
+        {"factor_base_a": 1.2, "factor_end_a": 1.2, "factor_base": 0.9, "factor_end": 0.9},
+        [ParallelRouting(7.2e-3, 0.0), ParallelRouting(5.4e-3, 120.0)]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("values", "channels"), MISPLACED.values(), ids=MISPLACED)
 def test_misplaced_channels_are_other_routings(values, channels):
     moved = with_effect(with_channels(*CHANNELS), "misplaced_channels", **values)
     assert tip(moved) == pytest.approx(tip(with_channels(*channels)), abs=1e-10)

@@ -5,15 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from identify_data import simulated
-from robots import LENGTH, tendon, three
+from robots import LENGTH, MODEL, tendon, three
 from scipy.spatial.transform import Rotation
 
-from tdcr_fe import LoadStep, Model, Reading, simulate
+from tdcr_fe import LoadStep, Reading, simulate
 from tdcr_fe.effects import EFFECTS, ExcitationRange, Experiment, Observation, effect, with_effect
 from tdcr_fe.effects.by_tendon import segments
 from tdcr_fe.identify.run import Readings
 
-MODEL = Model(elements_per_bay=1)
 #: Two segments of two tendons each; their names are not in the order of their ends.
 ELASTIC = {"axial_stiffness": 400.0}
 SHORT = {**ELASTIC, "end": three().disks.positions[4]}

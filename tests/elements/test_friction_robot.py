@@ -79,11 +79,7 @@ def test_a_load_step_has_the_coefficient_of_its_own_slip_rate(friction, tensions
 @pytest.mark.parametrize(("friction", "axial_stiffness"), [("per-hole", None), ("per-tendon", 300.0)])
 @pytest.mark.parametrize(
     "law",
-    [
-        ForceDependentFriction(0.3, reference_force=0.2),
-        StribeckFriction(0.2, 0.2, 1e-3, viscous=100.0),
-        STRIBECK,
-    ],
+    [ForceDependentFriction(0.3, 0.2), StribeckFriction(0.2, 0.2, 1e-3, viscous=100.0), STRIBECK],
     ids=["force-dependent", "viscous", "stribeck"],
 )
 def test_newton_converges_quadratically_with_laws(law, axial_stiffness, friction):

@@ -99,12 +99,9 @@ def test_dahl_feels_a_reversal_that_the_elastic_plastic_law_takes_back():
 
 def test_a_step_of_dahl_is_divided_though_its_halves_end_where_the_whole_does():
     """Pulling the second tendon takes holes of the first back and forth: by halves alone the tip was off by 7.6e-4."""
-    routings = (ParallelRouting(6e-3, angle_deg=10.0), ParallelRouting(6e-3, angle_deg=130.0))
-    tendons = (
-        Tendon("t1", routings[0], 0.2),
-        Tendon("t2", routings[1], 0.2, end=0.1),
-        Tendon("t3", HelicalRouting(6e-3, turns=0.5, angle_deg=250.0), 0.2),
-    )
+    whole, short = ParallelRouting(6e-3, angle_deg=10.0), ParallelRouting(6e-3, angle_deg=130.0)
+    tendons = [Tendon("t1", whole, 0.2), Tendon("t2", short, 0.2, end=0.1)]
+    tendons += [Tendon("t3", HelicalRouting(6e-3, turns=0.5, angle_deg=250.0), 0.2)]
     robot = Robot(Backbone(0.2, 0.5e-3, 60e9, 0.3), Disks.equally_spaced(8, 0.2, radius=8e-3), tendons)
     steps = [LoadStep(tensions={"t1": 2.0}), LoadStep(tensions={"t2": 1.5})]
     fine = [replace(step, substeps=256) for step in steps]

@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 from tdcr_fe.elements import poses
 
 COMPONENT = st.floats(-1.7, 1.7)
-VECTOR = st.tuples(COMPONENT, COMPONENT, COMPONENT).map(np.array)
 TWIST = st.tuples(*[COMPONENT] * 6).map(np.array)
 
 
@@ -22,7 +21,7 @@ def matrix(xi: np.ndarray) -> np.ndarray:
 
 
 @settings(max_examples=60)
-@given(VECTOR)
+@given(st.tuples(COMPONENT, COMPONENT, COMPONENT).map(np.array))
 def test_euler_parameters_are_scipys_quaternions(w):
     r = Rotation.from_rotvec(w)
     e = poses.euler_parameters_of_rotation(r.as_matrix())

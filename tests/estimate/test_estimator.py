@@ -186,13 +186,6 @@ def test_an_error_of_a_tension_is_none_of_the_displacement_that_is_given_next():
     np.testing.assert_allclose(wound.tensions, held.tensions, atol=1e-4)
 
 
-@pytest.mark.parametrize("at", [250.0, "t9"])
-def test_a_reading_where_the_robot_is_not_is_refused(at):
-    """A place in mm was taken for the tip; another tendon was "not in tuple"."""
-    with pytest.raises(ValueError, match=f"step 1: reading of position_x: location = {at}: must be an arc"):
-        estimator().step(tdcr.LoadStep(time=0.0), [tdcr.Reading(1, "position_x", at, 0.0, 1e-4)])
-
-
 @pytest.mark.parametrize(
     ("reading", "loads"),
     [

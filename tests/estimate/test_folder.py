@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from inputs import said
 from rod import Truth
 
 from tdcr_fe import PlausibilityWarning, Spool, read_estimation, run_estimation
@@ -103,7 +104,7 @@ def test_moment_and_place_are_written_where_they_are_estimated(wrong):
 
 
 @pytest.mark.parametrize(
-    ("file", "old", "new", "said"),
+    ("file", "old", "new", "words"),
     [
         ("estimate.toml", "[inputs]", "[input]", "inputs: missing; must be a table [inputs]"),
         ("estimate.toml", "sigma = 0.05", "sigma = -1.0", "load.sigma = -1.0: must be a positive number [N]"),
@@ -120,10 +121,9 @@ def test_moment_and_place_are_written_where_they_are_estimated(wrong):
         ("observations.csv", ",0.0001", ",", "estimation needs every standard deviation; it is missing in line 2"),
     ],
 )  # fmt: skip
-def test_mistakes_are_named(wrong, tmp_path, capsys, file, old, new, said):
+def test_mistakes_are_named(wrong, tmp_path, capsys, file, old, new, words):
     (wrong / file).write_text((wrong / file).read_text().replace(old, new))
-    assert main(["estimate", str(wrong), "-o", str(tmp_path / "out")]) == 2
-    assert said in capsys.readouterr().err
+    assert words in said(capsys, 2, "estimate", wrong, "-o", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
@@ -136,20 +136,19 @@ def test_a_load_and_inputs_in_mn_are_warned_of_before_the_first_frame(wrong, mon
     (wrong / "estimate.toml").write_text(text.replace("0.01", "500.0"))
     with pytest.warns(PlausibilityWarning) as found:
         assert run_estimation(read_estimation(wrong)).interrupted
-    said = "\n".join(str(w.message) for w in found)
-    assert "estimate.toml: load.sigma = 500 N:" in said and "was it meant in mN" in said
-    assert "estimate.toml: inputs.sigma" in said and "estimate.toml: load.sigma_moment = 500 N m:" in said
+    text = "\n".join(str(w.message) for w in found)
+    assert "estimate.toml: load.sigma = 500 N:" in text and "was it meant in mN" in text
+    assert "estimate.toml: inputs.sigma" in text and "estimate.toml: load.sigma_moment = 500 N m:" in text
 
 
 def test_times_are_needed(folder, wrong, tmp_path, capsys):
     pd.read_csv(wrong / "loading.csv").drop(columns="time").to_csv(wrong / "loading.csv", index=False)
     (wrong / "estimate.toml").unlink()
-    assert main(["estimate", str(wrong), "-o", str(tmp_path / "out")]) == 2
-    assert "estimate.toml: no such file" in capsys.readouterr().err
+    command = "estimate", wrong, "-o", tmp_path / "out"
+    assert "estimate.toml: no such file" in said(capsys, 2, *command)
     shutil.copy(folder / "estimate.toml", wrong)
-    assert main(["estimate", str(wrong), "-o", str(tmp_path / "out")]) == 2
-    said = "time: estimation needs the time of every step [s]; it is missing in step 1"
-    assert said in capsys.readouterr().err
+    needed = "time: estimation needs the time of every step [s]; it is missing in step 1"
+    assert needed in said(capsys, 2, *command)
 
 
 def test_coordinates_of_the_other_sign_are_doubted(folder, wrong, tmp_path, capsys):
@@ -157,18 +156,16 @@ def test_coordinates_of_the_other_sign_are_doubted(folder, wrong, tmp_path, caps
     table = pd.read_csv(wrong / "observations.csv")
     table.loc[table["quantity"] == "position_x", "value"] *= -1.0
     table.to_csv(wrong / "observations.csv", index=False)
-    assert main(["estimate", str(wrong), "-o", str(tmp_path / "out")]) == 0
-    said = "times as far from what is expected as their standard deviations: axes, signs or units may be"
-    assert said in capsys.readouterr().err
-    assert said in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    assert main(["estimate", str(folder), "-o", str(tmp_path / "out")]) == 0
-    assert said not in capsys.readouterr().err
+    doubt = "times as far from what is expected as their standard deviations: axes, signs or units may be"
+    out = "-o", tmp_path / "out"
+    assert doubt in said(capsys, 0, "estimate", wrong, *out)
+    assert doubt in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert doubt not in said(capsys, 0, "estimate", folder, *out)
     table.loc[table["quantity"] == "position_z", "value"] *= -1.0
     table[table["step"] == 1].to_csv(wrong / "observations.csv", index=False)
-    assert main(["estimate", str(wrong), "-o", str(tmp_path / "out")]) == 1
-    assert "): wrong axes, signs or units?" in capsys.readouterr().err
-    said = pd.read_csv(tmp_path / "out" / "estimates.csv")["message"].isna()
-    assert said.tolist() == [False, True, True, True]
+    assert "): wrong axes, signs or units?" in said(capsys, 1, "estimate", wrong, *out)
+    solved = pd.read_csv(tmp_path / "out" / "estimates.csv")["message"].isna()
+    assert solved.tolist() == [False, True, True, True]
 
 
 def test_errors_of_the_angle_of_a_motor_are_in_radians(folder, tmp_path):

@@ -7,7 +7,6 @@ import pytest
 from robots import seven
 
 import tdcr_fe as tdcr
-from tdcr_fe.model.tendon import Spool
 
 NAMES, DRUM = ("t1", "t2", "t3"), 8e-3
 LIMITS = tdcr.TensionLimits(largest=4.0, pretension=0.3)
@@ -50,7 +49,7 @@ def test_friction_in_the_model_is_compensated_through_reversals():
 
 @pytest.mark.parametrize("drive", ["displacements", "motor_angles"])
 def test_commands_are_of_the_kind_that_is_measured(drive):
-    spool = Spool(radius=DRUM) if drive == "motor_angles" else None
+    spool = tdcr.Spool(radius=DRUM) if drive == "motor_angles" else None
     of = robot(axial_stiffness=2000.0, spool=spool)
     model = tdcr.Model(elements_per_bay=1)
     wound = tdcr.simulate(of, model, [BEGIN]).steps[0].displacements / (DRUM if spool else 1.0)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from identify_data import FRICTIONAL, GRAVITY, ROBOT, measured
-from searches import concluded, problem_of, state_of, tips_of_run, with_model, write_corrected
+from searches import check_run, concluded, problem_of, state_of, tips_of_run, with_model, write_corrected
 
 from tdcr_fe import Load, identify, read_robot, read_scenario
 from tdcr_fe.effects import Parameter, effect, with_effects
@@ -28,18 +28,13 @@ def rough():
     return measured(robot=ROBOT.with_tendons(friction_coefficient=0.25), model=FRICTIONAL)
 
 
-@pytest.mark.parametrize(
-    ("values", "data"),
-    [(GRAVITY, measured), (PRECURVATURE, measured), (COMMANDS, rough)],
-    ids=["model", "robot", "commands"],
-)
+ACTS_ON = {"model": (GRAVITY, measured), "robot": (PRECURVATURE, measured), "commands": (COMMANDS, rough)}
+
+
+@pytest.mark.parametrize(("values", "data"), ACTS_ON.values(), ids=ACTS_ON)
 def test_a_run_of_the_corrected_robot_repeats_the_fit(values, data, tmp_path):
     """Tip positions agree with the fit's within 1e-9 m, for effects on the model, the robot and the commands."""
-    result = found(values, data())
-    write_corrected(result, tmp_path)
-    run = tips_of_run(tmp_path / "effects.toml", tmp_path / "out")
-    tips = run.loc[[str(n) for n in result.data.step_ids]].to_numpy()
-    np.testing.assert_allclose(tips, result.shapes.backbone_after[:, -1], rtol=0.0, atol=1e-9)
+    check_run(found(values, data()), tmp_path, 1e-9)
 
 
 def test_the_robot_file_has_what_a_robot_can_have_and_the_effects_file_the_rest(tmp_path):

@@ -84,16 +84,12 @@ WITHOUT_NAME = [
     ("tension", {"gain of the loads": dict(factor=1.2), "limit of the inputs": dict(share=0.5, limit=0.55)}),
     ("tension", {"dead zone of the inputs": dict(share=0.5, limit=0.25)}),
     ("tension", {"gain while falling (each)": dict(t1=0.1, t2=-0.05)}),
-    (
-        "displacement",
-        {
-            "wave of the input (tendon t1)": dict(size=1e-4, period=8e-3, phase=0.6),
-            "gain over the time so far (all)": dict(all=-0.1),
-        },
-    ),
+    ("displacement", {
+        "wave of the input (tendon t1)": dict(size=1e-4, period=8e-3, phase=0.6),
+        "gain over the time so far (all)": dict(all=-0.1)}),
     ("tension", {"friction by normal force": dict(friction=0.1, exponent=-0.3)}),
     ("tension", {"friction by slip rate": dict(friction=0.1, at_rest=-0.05, rate=1e-3)}),
-]
+]  # fmt: skip
 
 
 def known(about: FitProblem, name: str) -> Effect:

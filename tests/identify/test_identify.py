@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from identify_data import FRICTIONAL, GRAVITY, LENGTH, MODEL, ROBOT, data_of, measured, positions, simulated
-from searches import begun, concluded, problem_of, state_of, with_model
+from searches import begun, concluded, fitted, problem_of, state_of, with_model
 
 from tdcr_fe import Experiment, Reading, StiffnessPatch, effect, simulate, with_effects
 from tdcr_fe.cli import main
@@ -86,9 +86,8 @@ def test_what_leaves_more_than_noise_is_not_called_explained(effects, verdict):
 def test_held_out_readings_do_not_act_on_a_fit():
     data, held = measured(GRAVITY), (9, 10, 11)
     off = [replace(r, value=r.value + 0.01 * (r.step in held)) for r in data.readings]
-    start = {"gravity": {"g_x": 0.0, "g_y": 0.0, "g_z": 0.0}}
     both = (data, replace(data, readings=tuple(off)))
-    values = [fitting.fit(problem_of(x, held), (effect("gravity"),), start).values for x in both]
+    values = [fitted(problem_of(x, held), effect("gravity")).values for x in both]
     assert values[0]["gravity"] == pytest.approx(values[1]["gravity"], abs=1e-6)
 
 
@@ -256,15 +255,6 @@ def test_a_rod_without_tendons_is_identified():
 # ------------------------------------------------------------ mesh and path
 
 
-#: Far coarser than the noise: the path is then off by more than the mesh.
-LOOSE = 3e-3
-
-
-def with_path(data, path_tolerance=LOOSE):
-    """The problem of fitting all readings with such a tolerance of the path."""
-    return replace(problem_of(data), path_tolerance=path_tolerance)
-
-
 def test_a_path_is_taken_to_another_mesh_with_the_twist_of_the_backbone():
     """The sum of the elements' twists is that of the whole backbone; holes and tendons have the same states."""
     about = measured(robot=ROBOT, model=FRICTIONAL).experiment
@@ -297,9 +287,10 @@ def test_the_error_of_the_path_is_not_counted_as_error_of_the_mesh(monkeypatch):
         return run(self, jobs, *rest)
 
     monkeypatch.setattr(ForwardModel, "run", recorded)
-    refined, _ = refine(with_path(data), (), {})
+    # far coarser than the noise: the path is off by more than the mesh
+    refined, _ = refine(replace(problem_of(data), path_tolerance=3e-3), (), {})
     assert asked[0] == (1, False) and all(along for n, along in asked if n > 1)
-    fine = with_path(data, 1e-5)
+    fine = replace(problem_of(data), path_tolerance=1e-5)
     meshes = [replace(fine, experiment=with_elements(fine.experiment, n)) for n in (1, 6)]
     coarse, exact = (evaluate(x, (), {}).residual for x in meshes)
     true_error = float(np.sqrt(np.mean((coarse - exact) ** 2)))

@@ -6,10 +6,9 @@ import numpy as np
 import pandas as pd
 import pytest
 from identify_data import LENGTH, measured, simulated
-from searches import problem_of, searching, state_of
+from searches import concluded, fitted, problem_of, searching, state_of
 
-from tdcr_fe import Experiment, IdentificationResult, Reading, effect, with_effects
-from tdcr_fe.identify import fitting
+from tdcr_fe import Experiment, Reading, effect, with_effects
 from tdcr_fe.identify.next_experiment import candidate_sequences, choose_next, leading_rivals
 from tdcr_fe.identify.run import Readings
 from tdcr_fe.io.loading_table import read_loading
@@ -28,10 +27,8 @@ def ambiguous():
     problem = problem_of(data, held=(5,), sigma=3e-4)
     state = state_of(problem)
     for name in ("actuator_gain", "stiffness_scale"):
-        e = effect(name)
-        start = {name: e.null_values(problem.experiment)}
-        fit = fitting.fit(problem, (e,), start)
-        state = replace(state, best=fit, fits={**state.fits, frozenset({name}): fit})
+        fit = fitted(problem, effect(name))
+        state = replace(state.with_fit(fit), best=fit)
     return state
 
 
@@ -85,11 +82,8 @@ def test_the_declared_model_needs_none(ambiguous):
 
 def test_the_loading_file_is_read_as_it_was_planned(ambiguous, tmp_path):
     planned = choose_next(SEARCH, ambiguous)
-
-    class Made:
-        next_experiment, data = planned, ambiguous.problem.data
-
-    (tmp_path / "loading.csv").write_text(IdentificationResult.next_loading(Made()), encoding="utf-8")
+    result = concluded(ambiguous, next_experiment=planned)
+    (tmp_path / "loading.csv").write_text(result.next_loading(), encoding="utf-8")
     table = pd.read_csv(tmp_path / "loading.csv", dtype=str)
     ids, steps, branches = read_loading(table, ambiguous.problem.data.robot, "loading.csv")
     assert (ids, branches) == ((1, 2, 3), ("next",) * 3)

@@ -15,19 +15,22 @@ from tdcr_fe.identify.scatter import errors_of_inputs, find_scatter
 from tdcr_fe.identify.search import with_scatter
 from tdcr_fe.io.measured import read_measured, write_measured
 
-SIGMA = 1e-4
+SIGMA, FINE = 1e-4, replace(MODEL, elements_per_bay=4)
 PULLS = [(a, b) for a in (0.0, 0.3, 0.6, 0.9, 1.2) for b in (0.0, 0.3, 0.6, 0.9, 1.2) if a or b]
 #: Displacements are pulled one tendon at a time: the other one is slack.
 PATHS = [(x, 0.0) for x in np.linspace(5e-4, 6e-3, 12)] + [(0.0, x) for x in np.linspace(5e-4, 6e-3, 12)]
 
 
+def pulled(values, by="tensions"):
+    """Load steps of the two tendons."""
+    return tuple(LoadStep(**{by: {"t1": float(a), "t2": float(b)}}) for a, b in values)
+
+
 def data(factors, added, by="tensions", pulls=PULLS, truth=None):
     """Readings of a robot whose inputs are the commanded ones times factors plus what is added, with noise."""
-    commanded = [LoadStep(**{by: {"t1": float(a), "t2": float(b)}}) for a, b in pulls]
     actual = np.array(pulls) * factors + added * (np.array(pulls) > 0.0)
-    steps = tuple(LoadStep(**{by: {"t1": float(a), "t2": float(b)}}) for a, b in actual)
-    true = with_effects(Experiment(ROBOT, replace(MODEL, elements_per_bay=4), steps), truth or {})
-    return data_of(commanded, positions(true, SIGMA, 1))
+    true = with_effects(Experiment(ROBOT, FINE, pulled(actual, by)), truth or {})
+    return data_of(pulled(pulls, by), positions(true, SIGMA, 1))
 
 
 def searched(measured):
@@ -71,11 +74,9 @@ def test_absolute_errors_of_displacements_are_found_with_their_size_and_unit():
 
 def test_a_force_that_is_another_one_in_every_step_is_found_with_its_place_and_size():
     forces = np.random.default_rng(3).normal(0.0, 0.02, (len(PULLS), 3))
-    commanded = [LoadStep(tensions={"t1": float(a), "t2": float(b)}) for a, b in PULLS]
     loads = [{"hand": Load(ROBOT.bay_edges[3], tuple(f))} for f in forces.tolist()]
-    steps = tuple(replace(step, loads=x) for step, x in zip(commanded, loads, strict=True))
-    true = Experiment(ROBOT, replace(MODEL, elements_per_bay=4), steps)
-    state, found = searched(data_of(commanded, positions(true, SIGMA, 1)))
+    steps = tuple(replace(step, loads=x) for step, x in zip(pulled(PULLS), loads, strict=True))
+    state, found = searched(data_of(pulled(PULLS), positions(Experiment(ROBOT, FINE, steps), SIGMA, 1)))
     assert (found.what, found.place) == ("force", f"disk at s = {ROBOT.bay_edges[3]:.4g} m")
     assert found.size == pytest.approx(0.02, rel=0.2)
 
@@ -130,22 +131,19 @@ def test_errors_that_change_slowly_from_row_to_row_are_no_scatter():
 def test_errors_of_displacements_that_follow_the_tension_are_no_scatter():
     """Tendons that stiffen as they are pulled were 'errors of the inputs', which no effect predicts."""
     rng = np.random.default_rng(5)
-    pulled = rng.uniform(1e-3, 6e-3, 30)[:, None] * np.tile(np.eye(2), (15, 1))
+    wound = rng.uniform(1e-3, 6e-3, 30)[:, None] * np.tile(np.eye(2), (15, 1))
     forces = rng.normal(0.0, 0.05, (30, 3)) * (1.0, 1.0, 0.0)
+    loads = [{"tip": Load(LENGTH, tuple(f))} for f in forces.tolist()]
 
     def experiment(inputs):
-        each = zip(inputs.tolist(), forces.tolist(), strict=True)
-        steps = [
-            LoadStep(displacements={"t1": a, "t2": b}, loads={"tip": Load(LENGTH, tuple(f))})
-            for (a, b), f in each
-        ]
-        return Experiment(ROBOT, replace(MODEL, elements_per_bay=4), tuple(steps))
+        each = zip(pulled(inputs, "displacements"), loads, strict=True)
+        return Experiment(ROBOT, FINE, tuple(replace(step, loads=x) for step, x in each))
 
-    declared = experiment(pulled)
+    declared = experiment(wound)
     tension = np.array([s.base_tensions for s in simulate(ROBOT, declared.model, declared.steps).steps])
-    lost = 2e-4 * (1.0 - np.exp(-tension / np.median(tension[pulled > 0.0])))
-    lost -= np.mean(lost[pulled > 0.0])  # a mean would be an offset
-    true = experiment(pulled - lost * (pulled > 0.0))
+    lost = 2e-4 * (1.0 - np.exp(-tension / np.median(tension[wound > 0.0])))
+    lost -= np.mean(lost[wound > 0.0])  # a mean would be an offset
+    true = experiment(wound - lost * (wound > 0.0))
     assert scatter(data_of(declared.steps, positions(true, SIGMA, 1))) is None
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from identify_data import FRICTIONAL, GRAVITY, MODEL, ROBOT, data_of, measured, positions, sequence
 from scipy.signal import lfilter
-from searches import begun, causes_of, declared, problem_of, read_as_predicted, searching, state_of
+from searches import begun, causes_of, declared, fitted, problem_of, read_as_predicted, searching, state_of
 
 from tdcr_fe import LoadStep, NonlinearMaterial, ParallelRouting, StribeckFriction, Tendon, effect, simulate
 from tdcr_fe.effects import Experiment
@@ -60,9 +60,7 @@ def test_a_hole_that_holds_fast_is_found_although_its_derivative_is_that_of_a_sm
 def test_causes_that_an_exchange_makes_unnecessary_are_dropped():
     """A blind set (precurvature and stiffness) ended with five effects, three of them of no size."""
     own = problem_of(measured({"precurvature": {"kappa_x": 0.8, "kappa_y": -0.5}}), held=(3, 7, 9))
-    effects = tuple(effect(n) for n in ("gravity", "marker_offset"))
-    start = {e.name: dict(e.null_values(own.experiment)) for e in effects}
-    wrong = fitting.fit(own, effects, start)
+    wrong = fitted(own, effect("gravity"), effect("marker_offset"))
     named = tuple(filter(is_named, causes_of(own)[1].values()))
     state = replace(state_of(own).with_fit(wrong), best=wrong, dictionary=named)
     last = exchange(searching(), exchange(searching(), state))
@@ -79,7 +77,7 @@ def test_a_cause_has_as_many_numbers_as_the_data_support(hidden, number):
     sigma = 5e-4  # above the error of the mesh
     own = problem_of(measured({"actuator_gain": hidden}, sigma=sigma), sigma=sigma)
     whole, *_, each, first, second = effect("actuator_gain").forms(own.experiment)
-    begun = fitting.fit(own, (e := second if number else each,), {e.name: e.null_values(own.experiment)})
+    begun = fitted(own, second if number else each)
     state = replace(state_of(own).with_fit(begun), best=begun, dictionary=(whole, each, first, second))
     last = backward_selection(searching(), state)
     (found,) = last.best.effects
@@ -143,7 +141,7 @@ def test_a_cause_that_was_found_in_some_bays_acts_everywhere_where_the_data_say_
     values = {whole.name: {"coefficient": 10.0 * whole.parameters[0].scale}}
     (true,) = linearize(problem, [Request((whole,), values, ())])
     own = problem_of(read_as_predicted(problem, true.residual))
-    begun = fitting.fit(own, (part,), {part.name: part.null_values(own.experiment)})
+    begun = fitted(own, part)
     state = replace(state_of(own).with_fit(begun), best=begun, dictionary=(whole, part))
     last = backward_selection(searching(), state)
     assert last.best.names == ("row kappa",)
@@ -349,24 +347,16 @@ def test_inputs_jump_at_a_row_share_are_limited_have_a_dead_zone_and_stay_behind
 
 def test_displacements_are_off_by_a_wave_of_a_spool_or_by_what_tendons_have_given_way():
     """A spool that ran out of true was a limit of the input beside a dead zone."""
-    given, time = (
-        np.array([[0.0, 1e-3], [2e-3, 3e-3], [4e-3, 2e-3], [1e-3, 0.0]]),
-        np.array([1.0, 2.0, 4.0, 5.0]),
-    )
-    each = (dict(zip(ROBOT.tendon_names, x, strict=True)) for x in given.tolist())
-    steps = tuple(LoadStep(displacements=u, time=t) for u, t in zip(each, time.tolist(), strict=True))
+    given = np.array([[0.0, 1e-3], [2e-3, 3e-3], [4e-3, 2e-3], [1e-3, 0.0]])
+    rows = zip(given.tolist(), (1.0, 2.0, 4.0, 5.0), strict=True)
+    steps = tuple(LoadStep(displacements={"t1": a, "t2": b}, time=t) for (a, b), t in rows)
     problem = problem_of(data_of(steps, positions(Experiment(ROBOT, FRICTIONAL, steps)), ROBOT, FRICTIONAL))
     causes = causes_of(problem)[1]
     wave = np.sin(2.0 * np.pi * given[:, 1] / 8e-3 + 0.6) - np.sin(0.6)
-    integral = (
-        np.array([0.0, 1e-3, 7e-3, 9.5e-3]) / time[-1]
-    )  # of the first input, over the time of the last row
+    integral = np.array([0.0, 1e-3, 7e-3, 9.5e-3]) / 5.0  # of the first input, over the time of the last row
+    spool = {"size": 1e-4, "period": 8e-3, "phase": 0.6}
     for name, values, off in (
-        (
-            "wave of the input (tendon t2)",
-            {"size": 1e-4, "period": 8e-3, "phase": 0.6},
-            [0.0 * wave, 1e-4 * wave],
-        ),
+        ("wave of the input (tendon t2)", spool, [0.0 * wave, 1e-4 * wave]),
         ("gain over the time so far (t1)", {"t1": -0.5}, [-0.5 * integral, 0.0 * wave]),
     ):
         steps = causes[name].apply(problem.experiment, values).steps

@@ -26,15 +26,20 @@ def begun():
     return replace(state, declared=declared, best=declared, fits={frozenset(): declared})
 
 
-def added(state, names, cost, held_cost=None, residual=0.0):
-    """A state with a fit of effects with these sums of squares, and the fit."""
+def added(state, names, cost, held_cost=None, residual=0.0, causes=()):
+    """A state with a fit of effects, and of causes, with these sums of squares, and the fit."""
     own = state.problem
-    effects = tuple(effect(n) for n in names)
+    effects = (*(effect(n) for n in names), *causes)
     values = {e.name: e.null_values(own.experiment) for e in effects}
     costs = {"cost": cost, "held_cost": cost if held_cost is None else held_cost}
     of_readings = {"residual": np.full(own.count, residual), "jacobian": np.zeros((own.count, 0))}
     fit = replace(state.declared, effects=effects, values=values, **costs, **of_readings)
     return state.with_fit(fit), fit
+
+
+def judged(state, best):
+    """What is said of the causes of a model that leaves noise."""
+    return list(added_effects(searching(), replace(state, best=best), np.zeros(0), True))
 
 
 @pytest.mark.parametrize(
@@ -45,15 +50,14 @@ def test_a_name_needs_a_probability_of_nine_tenths(begun, probability, named, of
     state, best = added(begun, ["marker_offset"], 50.0)
     odds = 2.0 * np.log(probability / (1.0 - probability))
     state, _ = added(state, ["precurvature"], 50.0, 50.0 + odds, residual=off)
-    (found,) = added_effects(searching(), replace(state, best=best), np.zeros(0), True)
+    (found,) = judged(state, best)
     assert found.probability == pytest.approx(probability, abs=0.02) and found.found is named
 
 
 @pytest.mark.parametrize("count, named, probability", [(1, True, 1.0), (2, True, 0.97), (3, False, 0.56)])
 def test_a_sum_of_three_causes_names_none_of_them(begun, count, named, probability):
     """One cause that is not in the dictionary is then about as probable: a glued-in angle became a sum of three."""
-    state, best = added(begun, ["marker_offset", "precurvature", "gravity"][:count], 50.0)
-    found = added_effects(searching(), replace(state, best=best), np.zeros(0), True)
+    found = judged(*added(begun, ["marker_offset", "precurvature", "gravity"][:count], 50.0))
     assert all(e.found is named for e in found)
     assert found[0].probability == pytest.approx(probability, abs=0.01)
 
@@ -61,23 +65,16 @@ def test_a_sum_of_three_causes_names_none_of_them(begun, count, named, probabili
 def test_a_cause_without_a_name_and_another_one_are_not_certain_but_for_a_shift_of_readings(begun):
     """Two weights became a force all along the backbone and a kink; a missed hole a routing and a gain."""
     _, causes = causes_of(begun.problem)
-    state, both = added(begun, ["marker_offset"], 50.0, 50.0)
     for name, probability in (("radius along s", 0.84), ("scale of the positions", 0.97)):
-        values = {**both.values, name: causes[name].null_values(begun.problem.experiment)}
-        best = replace(both, effects=(*both.effects, causes[name]), values=values)
-        fits = {frozenset(f.names): f for f in (begun.declared, best)}
-        first, _ = added_effects(searching(), replace(state, best=best, fits=fits), np.zeros(0), True)
+        first, _ = judged(*added(begun, ["marker_offset"], 50.0, causes=[causes[name]]))
         assert first.probability == first.kind_probability == pytest.approx(probability, abs=0.01)
 
 
 def test_the_kind_of_several_causes_is_certain_where_they_share_it(begun):
     """A stiffness that fell exponentially with time became a creep and two powers of time."""
-    state, none, (_, causes) = begun, begun.best, causes_of(begun.problem)
+    _, causes = causes_of(begun.problem)
     both = [causes["row kappa"], causes["row^2 kappa"]]
-    values = {e.name: e.null_values(begun.problem.experiment) for e in both}
-    best = replace(none, effects=tuple(both), values=values, cost=50.0, held_cost=0.0)
-    fits = {frozenset(f.names): f for f in (begun.declared, best)}
-    first, second = added_effects(searching(), replace(state, best=best, fits=fits), np.zeros(0), True)
+    first, second = judged(*added(begun, (), 50.0, 0.0, residual=300.0, causes=both))
     assert first.kind == second.kind and first.kind_probability == pytest.approx(1.0, abs=0.01)
     assert first.probability == pytest.approx(0.41, abs=0.01)
 

@@ -17,7 +17,7 @@ from tdcr_fe.identify.problem import evaluate
 from tdcr_fe.identify.report import render
 from tdcr_fe.identify.screening import screen
 from tdcr_fe.identify.search import worth_fitting
-from tdcr_fe.identify.sentences import headline, sentences
+from tdcr_fe.identify.sentences import sentences
 from tdcr_fe.identify.verdict import separating_experiments
 
 
@@ -47,25 +47,25 @@ def test_a_law_is_found_where_it_is_more_probable_than_all_else(hidden, verdict,
     state = state_of(problem_of(data_of(problem.data.steps, positions(true))))
     best = evaluate(state.problem, (law,), {law.name: {"compliance": hidden}})
     result = concluded(state.with_fit(best), best=best)
-    assert result.verdict == verdict and words in headline(result)
+    assert result.verdict == verdict and words in sentences(result)[0]
 
 
-@pytest.mark.parametrize(
-    ("data", "reason"),
-    [
-        (lambda bent: replace(bent, readings=bent.readings[3:4]), "1 reading: at least 4 are needed"),
-        (lambda bent: some(bent, lambda r: r.step <= 2, sigma=None), "no sigma is given for position"),
-        (lambda bent: measured(sigma=0.09), "the noise is larger than the motion of the robot"),
-    ],
-    ids=["one reading", "two steps", "noise"],
-)
+UNUSABLE = {
+    "one reading": (lambda bent: replace(bent, readings=bent.readings[3:4]), "1 reading: at least 4 are needed"),
+    "two steps": (lambda bent: some(bent, lambda r: r.step <= 2, sigma=None), "no sigma is given for position"),
+    "noise": (lambda bent: measured(sigma=0.09), "the noise is larger than the motion of the robot"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("data", "reason"), UNUSABLE.values(), ids=UNUSABLE)
 def test_unusable_data_give_no_verdict(bent, data, reason):
     """e3bbe5d: "nothing missing", with the residual itself taken for the noise."""
     state = begun(data(bent))
     assert unusable_data(state.problem, state.declared).startswith(reason)
     result = concluded(state)
-    assert result.verdict == "cannot tell" and headline(result).startswith("Inconclusive")
-    assert sentences(result)[0].lower().startswith(reason.lower())
+    headline, why, *_ = sentences(result)
+    assert result.verdict == "cannot tell" and headline.startswith("Inconclusive")
+    assert why.lower().startswith(reason.lower())
 
 
 def test_without_sigma_a_model_that_leaves_noise_proves_nothing():
@@ -130,7 +130,7 @@ def test_several_causes_that_leave_noise_together_are_stated_but_not_named():
     truth = {"gravity": weight, "precurvature": bent, "actuator_gain": {"gain": 1.1}}
     result = concluded(with_model(begun(measured(truth)), truth))
     assert result.verdict == "explained" and not any(e.found for e in result.effects)
-    assert headline(result) == (
+    assert sentences(result)[0] == (
         "Explained, but none of it is certain: gravity, precurvature and actuator gain together leave only noise. One "
         "cause that is not in the dictionary would look the same."
     )

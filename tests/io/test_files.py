@@ -81,6 +81,7 @@ def test_hole_on_the_rim_is_not_outside(tmp_path):
 # --------------------------------------------------------------------------------------------- what is wrong
 
 NAN = float("nan")
+WITHOUT_COUNT = {"disks.count": REMOVED}
 ROBOT_MISTAKES = [
     # change, key, value, words of what is allowed
     ({"backbone.lenght": 1.0}, "backbone.lenght", "1.0", ["unknown key", "did you mean length?", "radius"]),
@@ -115,9 +116,6 @@ ROBOT_MISTAKES = [
     ({"tendons.2.end": 0.15}, "tendons[2].holes", "6 holes", ["4 are needed"]),
     ({"tendons.3.friction": {"kind": "stribek"}}, "tendons[3].friction.kind", '"stribek"', ["mean stribeck?"]),
     ({"tendons.3.friction": {"kind": "constant"}}, "tendons[3].friction.mu", "", ["missing"]),
-]  # fmt: skip
-WITHOUT_COUNT = {"disks.count": REMOVED}
-ROBOT_MISTAKES += [
     ({**WITHOUT_COUNT, "disks.positions": [0.05, 0.04, 0.25]}, "disks.positions", "[0.05, 0.04, 0.25]", ["ascend"]),
     ({**WITHOUT_COUNT, "disks.positions": [0.15, 0.26]}, "disks.positions[1]", "0.26", ["beyond the tip"]),
     ({**WITHOUT_COUNT, "disks.positions": []}, "disks.positions", "[]", ["arc lengths"]),
@@ -187,17 +185,16 @@ def test_file_that_is_not_toml_is_named_with_its_line(tmp_path, text, key, words
     assert (problem.file, problem.key) == (str(tmp_path / "scenario.toml"), key)
 
 
-@pytest.mark.parametrize(
-    ("name", "link", "reason"),
-    [
-        ("scenari.toml", "", "no such file; did you mean scenario.toml?"),
-        ("link.toml", "moved.toml", "is a link to moved.toml, which is not there"),
-        ("link.toml", "link.toml", "is a link to link.toml, which is not there"),
-        ("", "", "is a directory, not a file"),
-        ("x" * 5000, "", "cannot be read"),
-    ],
-    ids=["missing", "link to nowhere", "link to itself", "directory", "too long"],
-)
+NO_FILE = {
+    "missing": ("scenari.toml", "", "no such file; did you mean scenario.toml?"),
+    "link to nowhere": ("link.toml", "moved.toml", "is a link to moved.toml, which is not there"),
+    "link to itself": ("link.toml", "link.toml", "is a link to link.toml, which is not there"),
+    "directory": ("", "", "is a directory, not a file"),
+    "too long": ("x" * 5000, "", "cannot be read"),
+}
+
+
+@pytest.mark.parametrize(("name", "link", "reason"), NO_FILE.values(), ids=NO_FILE)
 def test_what_is_no_file_is_named_with_the_reason(tmp_path, name, link, reason):
     """Of a link, its own name was proposed in its place."""
     write(tmp_path)
@@ -325,19 +322,19 @@ def test_what_the_format_cannot_express_is_refused_and_named():
 
 # ------------------------------------------------------------------------------------------------- the docs
 
-PAGE = Path(__file__).parents[2] / "docs" / "files.md"
+PAGE = (Path(__file__).parents[2] / "docs" / "files.md").read_text("utf-8")
+EXAMPLES = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)[:2]
 
 
 def test_example_in_the_docs_is_read_without_mistake(tmp_path):
-    robot, scenario, *_ = re.findall(r"```toml\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
-    read = read_scenario(write(tmp_path, robot, scenario))
+    read = read_scenario(write(tmp_path, *EXAMPLES))
     assert [len(read.robot.holes(t)) for t in read.robot.tendons] == [11, 6, 11, 3]
     assert [s.label for s in read.steps] == ["pull", "push the tip", "twist and let go"]
 
 
 def test_example_of_mistakes_in_the_docs_is_what_is_printed(tmp_path, monkeypatch):
-    robot, scenario, *_ = re.findall(r"```toml\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
-    (printed,) = re.findall(r"```text\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
+    (printed,) = re.findall(r"```text\n(.*?)```", PAGE, re.DOTALL)
+    robot, scenario = EXAMPLES
     robot = robot.replace("end = 0.125", "end = 0.13").replace("[backbone]", "[backbone]\nlenght = 0.25")
     scenario = scenario.replace("per-hole", "per_hole").replace("free = 0.2", "t2 = 1.5")
     write(tmp_path, robot, scenario)

@@ -122,9 +122,8 @@ def test_a_bad_reading_is_left_out_by_name(folder, row, column, hint):
 def test_a_bad_loading_sequence_is_refused(folder, old, new, hint):
     path = folder / "loading.csv"
     path.write_text(path.read_text().replace(old, new, 1))
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match=f"(?s)loading.csv.*{hint}"):
         read_measured(folder)
-    assert "loading.csv" in str(caught.value) and hint in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -237,9 +236,8 @@ def test_what_is_declared_is_part_of_the_declared_model_and_goes_through_the_fil
     ],
 )
 def test_mistakes_are_named(data, tmp_path, text, message):
-    with pytest.raises(InputError, match=message) as caught:
+    with pytest.raises(InputError, match=f"(?s)model.toml.*{message}"):
         read_measured(with_effects_in(data, tmp_path, text))
-    assert "model.toml" in str(caught.value)
 
 
 def test_example_in_the_docs_is_read_without_mistake(data, tmp_path):

@@ -82,16 +82,13 @@ def test_a_notebook_shows_the_page_that_a_run_writes(tmp_path, monkeypatch):
 # ------------------------------------------------------------ vtk files
 
 
-TYPES = {"Float32": "<f4", "Int32": "<i4", "UInt8": "u1"}
-
-
 def arrays(parent):
     """Arrays by name; header (number of bytes) and data are one base64 text, as VTK has it without compression."""
     found = {}
     for x in parent:
         raw = base64.b64decode(x.text, validate=True)
         assert int(np.frombuffer(raw[:4], "<u4")[0]) == len(raw) - 4
-        values = np.frombuffer(raw[4:], TYPES[x.get("type")])
+        values = np.frombuffer(raw[4:], {"Float32": "<f4", "Int32": "<i4", "UInt8": "u1"}[x.get("type")])
         columns = int(x.get("NumberOfComponents", 1))
         found[x.get("Name")] = values.reshape(-1, columns) if columns > 1 else values
     return found

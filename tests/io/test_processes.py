@@ -52,12 +52,9 @@ if __name__ == "__main__":
 
 def alive(pid):
     """Whether a process runs; a zombie does not."""
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
     stat = Path(f"/proc/{pid}/stat")
     try:
+        os.kill(pid, 0)
         return not (stat.exists() and stat.read_text().rsplit(")", 1)[1].split()[0] == "Z")
     except (FileNotFoundError, ProcessLookupError):
         return False

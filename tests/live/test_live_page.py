@@ -7,13 +7,12 @@ from browser import Browser, browser, in_chromium
 from robots import three
 
 import tdcr_fe as tdcr
-from tdcr_fe.live import LiveRobot
 
 CONTROL = "document.querySelector('form.live').control"
 
 
 @pytest.fixture
-def opened() -> Iterator[tuple[Browser, LiveRobot]]:
+def opened() -> Iterator[tuple[Browser, tdcr.LiveRobot]]:
     served = tdcr.live(three(), tdcr.Model(elements_per_bay=1))
     with browser() as page:
         page.open(served.url, 1366, 768)
@@ -34,7 +33,7 @@ def tip(page: Browser) -> list[float]:
     )
 
 
-def errors(page: Browser, served: LiveRobot) -> list[str]:
+def errors(page: Browser, served: tdcr.LiveRobot) -> list[str]:
     own = served.url.split("?")[0]
     return [e for e in page.errors() if not e.startswith(own)]
 

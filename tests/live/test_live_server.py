@@ -16,19 +16,18 @@ from robots import three
 
 import tdcr_fe as tdcr
 from tdcr_fe.cli import main
-from tdcr_fe.live import LiveRobot
 from tdcr_fe.live.played import SETTINGS
 from tdcr_fe.live.server import LARGEST_MESSAGE, LiveServer
 
 
 @pytest.fixture
-def served() -> Iterator[LiveRobot]:
+def served() -> Iterator[tdcr.LiveRobot]:
     robot = tdcr.live(three(), tdcr.Model(elements_per_bay=1))
     yield robot
     robot.close()
 
 
-def ask(served: LiveRobot, method: str, path: str, body: bytes = b"", **headers: str) -> tuple[int, str]:
+def ask(served: tdcr.LiveRobot, method: str, path: str, body: bytes = b"", **headers: str) -> tuple[int, str]:
     """Status and text of a reply."""
     connection = http.client.HTTPConnection("127.0.0.1", served.server.server_port, timeout=20)
     connection.request(method, path, body, {k.replace("_", "-"): v for k, v in headers.items()})
@@ -38,13 +37,13 @@ def ask(served: LiveRobot, method: str, path: str, body: bytes = b"", **headers:
     return reply.status, text
 
 
-def head(served: LiveRobot, request: str, page: int) -> bytes:
+def head(served: tdcr.LiveRobot, request: str, page: int) -> bytes:
     """The first lines of a request that is sent by hand."""
     path = f"{request}?token={served.server.token}&page={page}"
     return f"{path} HTTP/1.1\r\nHost: 127.0.0.1:{served.server.server_port}\r\n".encode()
 
 
-def change(served: LiveRobot, message: object) -> tuple[int, str]:
+def change(served: tdcr.LiveRobot, message: object) -> tuple[int, str]:
     path = f"/change?token={served.server.token}&page={served.server.page}"
     return ask(served, "POST", path, json.dumps(message).encode())
 
@@ -117,7 +116,7 @@ def test_broken_messages_are_named_and_change_nothing(served):
 
 
 @contextmanager
-def page_alive(served: LiveRobot, page: int) -> Iterator[socket.socket]:
+def page_alive(served: tdcr.LiveRobot, page: int) -> Iterator[socket.socket]:
     """The connection that an open page keeps."""
     with socket.create_connection(("127.0.0.1", served.server.server_port), timeout=10) as link:
         link.sendall(head(served, "GET /alive", page) + b"\r\n")

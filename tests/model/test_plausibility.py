@@ -22,8 +22,6 @@ from tdcr_fe.validation.crosscheck import cases as crosscheck
 from tdcr_fe.validation.paper import cases as paper_cases
 from tdcr_fe.validation.random_robots import draw
 
-DATA = Path(tdcr_fe.__file__).parent / "data" / "demo"
-PAPER = Path(paper_cases.__file__).parent / "data"
 GRAVITY = Model(gravity=(0.0, 0.0, -9.81))
 WIRE = wire()
 PULL = pull(3.0)
@@ -226,7 +224,8 @@ def test_a_thin_robot_may_hang_down():
 
 def test_robots_of_the_demo_the_paper_and_the_validation_give_no_warning():
     """And random ones."""
-    files = [f for folder in (DATA, PAPER) for f in sorted(folder.rglob("*.toml"))]
+    folders = Path(tdcr_fe.__file__).parent / "data" / "demo", Path(paper_cases.__file__).parent / "data"
+    files = [f for folder in folders for f in sorted(folder.rglob("*.toml"))]
     scenarios = [read_scenario(f) for f in files if f.stem == "scenario"]
     robots = [read_robot(f) for f in files if f.stem == "robot"]
     assert len(scenarios) >= 6 and len(robots) >= 10

@@ -37,17 +37,16 @@ def test_the_section_of_a_round_rod():
     assert rod.mass_per_length == pytest.approx(6000.0 * np.pi * RADIUS**2)
 
 
-@pytest.mark.parametrize(
-    ("routing", "expected"),
-    [
-        (routings.ParallelRouting(4e-3, 90.0), [[0.0, 4.0], [0.0, 4.0], [0.0, 4.0]]),
-        (routings.HelicalRouting(4e-3, 0.5, 90.0), [[0.0, 4.0], [-4.0, 0.0], [0.0, -4.0]]),
-        (routings.ConvergingRouting(4e-3, 1e-3, 180.0), [[-4.0, 0.0], [-2.5, 0.0], [-1.0, 0.0]]),
-    ],
-    ids=["parallel", "helical", "converging"],
-)
+#: And their holes at the base plate, in the middle and at the tip [mm].
+COURSES = {
+    "parallel": (routings.ParallelRouting(4e-3, 90.0), [[0.0, 4.0], [0.0, 4.0], [0.0, 4.0]]),
+    "helical": (routings.HelicalRouting(4e-3, 0.5, 90.0), [[0.0, 4.0], [-4.0, 0.0], [0.0, -4.0]]),
+    "converging": (routings.ConvergingRouting(4e-3, 1e-3, 180.0), [[-4.0, 0.0], [-2.5, 0.0], [-1.0, 0.0]]),
+}
+
+
+@pytest.mark.parametrize(("routing", "expected"), COURSES.values(), ids=COURSES)
 def test_holes_are_where_the_angle_in_degrees_and_the_offset_say(routing, expected):
-    """At the base plate, in the middle and at the tip [mm]."""
     robot = robot_with(Tendon("t", routing))
     assert 1e3 * robot.hole_points(robot.tendons[0])[:, :2] == pytest.approx(np.array(expected), abs=1e-12)
 

@@ -18,7 +18,7 @@ from tdcr_fe.identify import figures
 from tdcr_fe.identify.corrected import corrected_motion, effects_block, markers, replay
 from tdcr_fe.identify.report import LEVELS, render
 from tdcr_fe.identify.result import Errors, Misfit, Parameters, Profile, Residuals, Simulated
-from tdcr_fe.identify.sentences import goodness, headline, measure, remarks
+from tdcr_fe.identify.sentences import goodness, measure, remarks, sentences
 from tdcr_fe.io.result_folder import read_motion, write_markers
 from tdcr_fe.report.viewer import view_page
 
@@ -150,7 +150,7 @@ NO_NAMES = ("nothing missing", "unexplained")
 
 @pytest.mark.parametrize("verdict", LEVELS)
 def test_every_verdict_has_a_line(verdict):
-    line = headline(result(GRAVITY, verdict=verdict))
+    line = sentences(result(GRAVITY, verdict=verdict))[0]
     assert re.fullmatch(r"\w.+\.", line) and ("gravity" in line) == (verdict not in NO_NAMES)
 
 

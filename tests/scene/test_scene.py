@@ -11,7 +11,7 @@ import pytest
 from exudyn.robotics import Robot as Arm
 from exudyn.robotics import RobotLink
 from exudyn.utilities import InertiaCuboid
-from robots import BACKBONE, LENGTH, SEVEN, distance, pull, seven, single, solve
+from robots import BACKBONE, LENGTH, MODEL, SEVEN, distance, pull, seven, single, solve
 from scenes import hinged_platform, pendulum, push, recommended, scene, scene_with, solve_scene, system
 from scipy.spatial.transform import Rotation
 
@@ -19,7 +19,6 @@ from tdcr_fe import CreateTDCR, Load, LoadStep, Model, SolverSettings, StepFaile
 from tdcr_fe.solve.equations.kernel import StaticKernel
 from tdcr_fe.solve.equations.system import SceneSystem
 
-MODEL = Model(friction="per-hole", elements_per_bay=1)
 STRAIGHT = np.array([0.0, 0.0, LENGTH])
 
 

@@ -6,15 +6,11 @@ import exudyn.itemInterface as eii
 import numpy as np
 import pytest
 from exudyn.utilities import InertiaCuboid
-from robots import LENGTH, distance, seven, single
-from scenes import recommended, scene, solve_scene, system
+from robots import LENGTH, MODEL, distance, seven, single
+from scenes import HEAVY, TURN, recommended, scene, solve_scene, system
 from scipy.spatial.transform import Rotation
 
-from tdcr_fe import CreateTDCR, Model, SolveTDCR
-
-MODEL = Model(friction="per-hole", elements_per_bay=1)
-TURN = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
-HEAVY = [0.0, 0.0, -9.81]
+from tdcr_fe import CreateTDCR, SolveTDCR
 
 
 def bent(mbs, handle):

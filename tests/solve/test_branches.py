@@ -80,9 +80,8 @@ UP = (0.0, 0.0, -9.81)
 def test_a_tendon_that_buckles_its_only_bay_bends_it_to_its_own_side(tension: float) -> None:
     """At 1.3 and 1.8 times the load of the bay, one step went to an unstable equilibrium on the other side."""
     robot, model = paper(disks=Disks((LENGTH,))), Model(friction="none")
-    whole, parts = (
-        simulate(robot, model, pull(*np.linspace(0.0, tension, n)[1:])).steps[-1] for n in (2, 21)
-    )
+    pulls = (pull(*np.linspace(0.0, tension, n)[1:]) for n in (2, 21))
+    whole, parts = (simulate(robot, model, steps).steps[-1] for steps in pulls)
     assert whole.tip == pytest.approx(parts.tip, abs=1e-4 * LENGTH)
     assert not whole.details["unstable"]
 

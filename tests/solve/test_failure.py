@@ -8,12 +8,11 @@ from robots import distance, paper, pull, solve, three
 from scenes import scene, solve_scene
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from tdcr_fe import Interrupted, Load, LoadStep, Model, SolverSettings, SolveTDCR, simulate
+from tdcr_fe import Interrupted, Load, LoadStep, Model, SolverSettings, SolveTDCR, StepFailed, simulate
 from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.model.loading import resolve
 from tdcr_fe.solve.equations.configuration import Target
 from tdcr_fe.solve.load_steps import substep
-from tdcr_fe.solve.load_steps.load_path import StepFailed
 from tdcr_fe.solve.newton.convergence import NewtonStatus, Unmet
 from tdcr_fe.solve.newton.newton import NewtonResult, newton
 from tdcr_fe.solve.simulation import Simulation

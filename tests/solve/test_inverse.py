@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from robots import BACKBONE, LENGTH, seven, tendon, wire
 
-from tdcr_fe import Disks, Interrupted, Robot, simulate
-from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
+from tdcr_fe import Disks, Interrupted, Load, LoadStep, Model, Robot, SolverSettings, simulate
 from tdcr_fe.model.targets import ReachStatus, TensionLimits, TipTarget
 from tdcr_fe.solve.inverse_statics.inverse import TOLERANCE, follow_path, reach
 

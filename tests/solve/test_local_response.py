@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from differences import rotation_vectors
-from robots import BACKBONE, LENGTH, simulation, three
+from robots import BACKBONE, LENGTH, MODEL, simulation, three
 
 from tdcr_fe import Disks, Load, LoadStep, Model, Robot, SolverSettings, local_response, simulate
 
@@ -15,7 +15,6 @@ SETTINGS = SolverSettings(tolerance=1e-12)
 FIVE = Disks.equally_spaced(5, LENGTH, mass=2e-4, radius=5e-3)
 
 
-FRICTIONAL = Model(elements_per_bay=1)
 FREE = Model(friction="none", elements_per_bay=1, gravity=(0.0, 1.0, -9.81))
 
 
@@ -51,7 +50,7 @@ def test_compliance_is_the_motion_by_a_small_load(steps: list[LoadStep]) -> None
 
 def test_compliance_of_a_cantilever() -> None:
     """A straight rod: ``L^3 / 3EI`` and shear, ``L^2 / 2EI``, ``L / EI``, ``L / GJ``, ``L / EA``; at a disk, too."""
-    solved = simulation(three(0.0, disks=FIVE), FRICTIONAL, [LoadStep("", loads=NOTHING)], SETTINGS)
+    solved = simulation(three(0.0, disks=FIVE), MODEL, [LoadStep("", loads=NOTHING)], SETTINGS)
     b = BACKBONE
     for s in (None, 0.1):
         x = LENGTH if s is None else s
@@ -68,9 +67,9 @@ def test_tension_moves_the_tip_forward_with_slip_and_backward_with_sticking_hole
     """Pulling on goes on slipping; releasing by less than presliding leaves every hole stuck."""
     made = three(0.3, disks=FIVE)
     steps = [LoadStep("", {"t1": 0.5}, loads=NOTHING, substeps=1), LoadStep("", {"t1": 1.0}, substeps=1)]
-    solved = simulation(made, FRICTIONAL, steps, SETTINGS)
+    solved = simulation(made, MODEL, steps, SETTINGS)
     further = {h: LoadStep("", {"t1": 1.0 + h}) for h in (1e-6, -1e-6)}
-    forward, backward = (motion(made, FRICTIONAL, steps, step) / h for h, step in further.items())
+    forward, backward = (motion(made, MODEL, steps, step) / h for h, step in further.items())
     slipping, sticking = (local_response(solved, reversal=x).by_tension[:, 0] for x in (False, True))
     assert np.allclose(slipping, forward, rtol=1e-4, atol=1e-4 * np.abs(forward).max())
     assert np.allclose(sticking, backward, rtol=1e-3, atol=1e-3 * np.abs(backward).max())

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robots import BACKBONE, LENGTH, paper, pull, routed, seven, simulation
+from robots import LENGTH, MODEL, paper, pull, routed, seven, simulation
 from scenes import scene
 
 from tdcr_fe import HelicalRouting, Simulation, Superelastic
-from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, resolve
+from tdcr_fe.model.loading import LoadStep, SolverSettings, resolve
 from tdcr_fe.solve.equations.configuration import Target
 from tdcr_fe.solve.equations.linearization import input_changes
 from tdcr_fe.solve.equations.system import SceneSystem
@@ -21,18 +21,17 @@ def target(*tensions):
     return Target((np.array(tensions, dtype=float),))
 
 
-@pytest.mark.parametrize(
-    ("robot", "tensions", "model"),
-    [
-        pytest.param(paper(), [1.0], {"friction": "none"}, id="no friction"),
-        pytest.param(seven(0.3), [1.0, 0.4, 0.0], {"friction": "per-tendon"}, id="per-tendon"),
-        pytest.param(seven(0.3), [0.5, 0.2, 0.0], {"friction": "per-hole"}, id="per-hole"),
-        pytest.param(routed(HelicalRouting(4.5e-3, 1.0), mu=0.3), [1.0], {"friction": "per-hole"}, id="helical"),
-        pytest.param(paper(), [1.0], {"friction": "none", "tendon_path": "continuous"}, id="continuous"),
-        pytest.param(paper(0.3, backbone=replace(BACKBONE, superelastic=Superelastic(0.002, 0.5))), [0.8], {},
-            id="superelastic"),
-    ],
-)  # fmt: skip
+CASES = {
+    "no friction": (paper(), [1.0], {"friction": "none"}),
+    "per-tendon": (seven(0.3), [1.0, 0.4, 0.0], {"friction": "per-tendon"}),
+    "per-hole": (seven(0.3), [0.5, 0.2, 0.0], {"friction": "per-hole"}),
+    "helical": (routed(HelicalRouting(4.5e-3, 1.0), mu=0.3), [1.0], {"friction": "per-hole"}),
+    "continuous": (paper(), [1.0], {"friction": "none", "tendon_path": "continuous"}),
+    "superelastic": (paper(0.3).with_backbone(superelastic=Superelastic(0.002, 0.5)), [0.8], {}),
+}
+
+
+@pytest.mark.parametrize(("robot", "tensions", "model"), CASES.values(), ids=CASES)
 def test_newton_converges_quadratically(robot, tensions, model):
     """The tangent is consistent, away from equilibrium too: each residual is of the order of the last one's square."""
     _keep, mbs, _ = scene(robot, **model)
@@ -61,9 +60,6 @@ def test_a_stored_state_is_small_and_starts_another_run():
 
 
 # ------------------------------------------------------------ prediction
-
-
-MODEL = Model(friction="per-hole", elements_per_bay=1)
 
 
 def predict_from(arm, *inputs):

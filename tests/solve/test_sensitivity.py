@@ -130,8 +130,7 @@ SLOW = {
     "no friction": [
         "backbone.radius", "backbone.poisson_ratio", "backbone.density", "backbone.bending_stiffness",
         "backbone.torsional_stiffness", "backbone.axial_stiffness", "backbone.shear_stiffness",
-        "backbone.precurvature[0]", "disks.mass", "tip_mass", "model.gravity[2]", "tendons.t3.end_offset",
-    ],
+        "backbone.precurvature[0]", "disks.mass", "tip_mass", "model.gravity[2]", "tendons.t3.end_offset"],
     "per hole": ["disks.positions[2]", "steps[0].tensions.t1", "steps[2].tensions.t3"],
     "per tendon": ["tendons.friction_coefficient"],
     "elastic, adhesion": ["tendons.axial_stiffness", "tendons.friction_coefficient"],
@@ -141,13 +140,11 @@ SLOW = {
     "places": ["backbone.patches[0].bending"],
     "superelastic, creep": [
         "backbone.superelastic.plateau_ratio", "backbone.creep_rate", "backbone.radius", "steps[1].time",
-        "backbone.precurvature[0]", "tendons.friction_coefficient",
-    ],
+        "backbone.precurvature[0]", "tendons.friction_coefficient"],
     "continuous": ["tendons.axial_stiffness", "backbone.superelastic.plateau_ratio", "steps[1].displacements.t2"],
     "Stribeck": [
         "tendons.friction.static", "tendons.friction.stribeck_rate", "tendons.friction.exponent",
-        "tendons.friction.viscous", "steps[2].time",
-    ],
+        "tendons.friction.viscous", "steps[2].time"],
     "thick disks": ["disks.thickness"],
     "Stribeck, at once": ["tendons.friction.viscous", "steps[1].tensions.t1"],
     "Stribeck, without a time": ["tendons.friction.viscous", "steps[1].tensions.t1"],

@@ -5,16 +5,16 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from inputs import said
 from sweep_files import ROBOT, SCENARIO, InProcess, write_files
 
 import tdcr_fe as tdcr
-from tdcr_fe import InputError, cli
 from tdcr_fe.io.toml import ScenarioTables, build_scenario
 from tdcr_fe.sweeps.keys import KeyProblem, parse_key, set_value
 
 
 def problems_of(folder, text, **files):
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(tdcr.InputError) as caught:
         tdcr.read_sweep(write_files(folder, text, **files))
     return [str(p).replace(f"{folder}/", "") for p in caught.value.problems]
 
@@ -76,10 +76,7 @@ def test_all_mistakes_of_all_files_come_at_once(tmp_path, capsys):
     text = vary("nonsense", "values = [1]", f"{SOBOL}samples = 3\n")
     text += '[[vary]]\nkey = "tip_mass"\nuniform = { lower = 0.0 }\n'
     robot = "[backbone]\nlength = -1.0\nradius = 1e-3\nyoungs_modulus = 1e9\npoisson_ratio = 0.3\n[disks]\ncount = 1\n"
-    write_files(tmp_path, text, robot=robot)
-    status = cli.main(["sweep", str(tmp_path / "sweep.toml"), "-o", str(tmp_path / "out")])
-    printed = capsys.readouterr().err
-    assert status == 2
+    printed = said(capsys, 2, "sweep", write_files(tmp_path, text, robot=robot), "-o", tmp_path / "out")
     for key in ("sampling.samples", "vary[0].key", "vary[1].uniform.upper", "robot.toml: backbone.length"):
         assert key in printed, key
     assert not (tmp_path / "out").exists()
@@ -112,8 +109,8 @@ def test_a_workspace_of_a_tendon_that_the_last_step_winds_is_refused_as_such(tmp
     """It was said of the smallest and the largest tension of the sample, with bounds as the remedy."""
     text = HEAD + "[workspace]\nlargest = 2.0\ncount = 3\n"
     wound = SCENARIO.replace("tensions = { t1 = 1.0 }", "displacements = { t1 = 1e-3 }")
-    (said,) = problems_of(tmp_path, text, scenario=wound)
-    assert "workspace: varies tensions; the last load step gives the displacement of t1" in said
+    (found,) = problems_of(tmp_path, text, scenario=wound)
+    assert "workspace: varies tensions; the last load step gives the displacement of t1" in found
 
 
 @pytest.mark.parametrize(("name", "cases"), [("uncertainty", 384), ("workspace", 512)])

@@ -10,7 +10,6 @@ from exudyn.processing import ParameterVariation
 from sweep_files import SCENARIO, SWEEP, InProcess, write_files
 
 import tdcr_fe as tdcr
-from tdcr_fe.io.problems import InputError
 from tdcr_fe.sweeps.execution import SweepInterrupted
 from tdcr_fe.sweeps.files import journal
 from tdcr_fe.sweeps.keys import KeyProblem
@@ -61,10 +60,10 @@ def test_a_journal_of_another_sweep_is_refused_and_replaced_on_demand(tmp_path):
     tdcr.sweep(write_files(tmp_path), out, executor=InProcess(), report=False)
     before = (out / "cases.jsonl").read_bytes()
     other = write_files(tmp_path, SWEEP.replace("1.2", "1.3"))
-    with pytest.raises(InputError, match="of another run: variations differ"):
+    with pytest.raises(tdcr.InputError, match="of another run: variations differ"):
         tdcr.sweep(other, out, executor=InProcess(), report=False)
     robot = (tmp_path / "robot.toml").read_text().replace("8500", "8000")
-    with pytest.raises(InputError, match="of another run: tables differ"):
+    with pytest.raises(tdcr.InputError, match="of another run: tables differ"):
         tdcr.sweep(write_files(tmp_path, robot=robot), out, executor=InProcess(), report=False)
     assert (out / "cases.jsonl").read_bytes() == before
     assert tdcr.sweep(other, out, executor=InProcess(), fresh=True, report=False).converged
@@ -73,7 +72,7 @@ def test_a_journal_of_another_sweep_is_refused_and_replaced_on_demand(tmp_path):
 def test_two_sweeps_cannot_write_to_one_folder_at_a_time(tmp_path):
     """Both solved all cases, into a journal with every case twice."""
     path, out = write_files(tmp_path), tmp_path / "out"
-    with journal(out, {}, fresh=True), pytest.raises(InputError, match="another sweep is writing there"):
+    with journal(out, {}, fresh=True), pytest.raises(tdcr.InputError, match="another sweep is writing there"):
         tdcr.sweep(path, out, executor=InProcess(), fresh=True, report=False)
     assert tdcr.sweep(path, out, executor=InProcess(), fresh=True, report=False).converged
 
@@ -183,7 +182,7 @@ def test_a_case_without_an_equilibrium_gives_nan_and_a_wrong_key_an_error(tmp_pa
     assert math.isnan(value)
     with pytest.raises(KeyProblem, match="did you mean backbone"):
         function({"backbon.radius": 1e-3})
-    with pytest.raises(InputError, match="did you mean tip_x"):
+    with pytest.raises(tdcr.InputError, match="did you mean tip_x"):
         tdcr.parameter_function(tmp_path / "scenario.toml", ["tipx"])
 
 

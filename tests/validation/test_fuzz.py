@@ -76,21 +76,20 @@ def with_actuation(step, **changes):
     return replace(step, actuation=replace(step.actuation, **changes))
 
 
-@pytest.mark.parametrize(
-    ("wrong", "check"),
-    [
-        (moved, "equilibrium of every free body"),
-        (turned, "equilibrium of every free body"),
-        (tightened, "equilibrium of every free body"),
-        (lambda s: with_actuation(s, loads={"side": replace(s.actuation.loads["side"], at=0.2)}),
-            "equilibrium of every free body"),
-        (lambda s: replace(s, displacements=s.displacements + 1e-6), "displacements from lengths"),
-        (lambda s: with_actuation(s, values=s.actuation.values * 1.001), "prescribed inputs"),
-        (exchanged, "slipping holes at their bound"),
-        (rising, "Capstan bounds"),
-    ],
-    ids=["position", "rotation", "tension", "load", "displacement", "input", "state", "rising"],
-)  # fmt: skip
+BALANCE = "equilibrium of every free body"
+WRONG = {
+    "position": (moved, BALANCE),
+    "rotation": (turned, BALANCE),
+    "tension": (tightened, BALANCE),
+    "load": (lambda s: with_actuation(s, loads={"side": replace(s.actuation.loads["side"], at=0.2)}), BALANCE),
+    "displacement": (lambda s: replace(s, displacements=s.displacements + 1e-6), "displacements from lengths"),
+    "input": (lambda s: with_actuation(s, values=s.actuation.values * 1.001), "prescribed inputs"),
+    "state": (exchanged, "slipping holes at their bound"),
+    "rising": (rising, "Capstan bounds"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("wrong", "check"), WRONG.values(), ids=WRONG)
 def test_the_checks_see_what_is_wrong(wrong, check):
     push = {"side": Load(0.13, (0.01, 0.02, 0.0), (0.0, 1e-3, 0.0))}
     steps = [LoadStep("", {"a": 0.8, "b": 0.3}), LoadStep("", {"a": 0.4}, loads=push)]
