@@ -31,12 +31,12 @@ class HoleSlopes(NamedTuple):
     def chain(self) -> Array:
         """``dT_k / dT_j`` of all pairs of segments, shape (m, n, n)."""
         m, h = self.by_tension.shape
+        behind = np.arange(h + 1) >= np.arange(h + 1)[:, None]
         # Factors of the holes from segment j on, one before it; their products reach from j to k.
-        behind = np.arange(h) >= np.arange(h + 1)[:, None]
-        factors = np.where(behind, self.by_tension[:, None, :], 1.0)
+        factors = np.where(behind[:, :-1], self.by_tension[:, None, :], 1.0)
         found = np.ones((m, h + 1, h + 1))
         factors.cumprod(axis=2, out=found[:, :, 1:])
-        return found.swapaxes(1, 2) * np.tri(h + 1)
+        return np.asarray((found * behind).swapaxes(1, 2))
 
     def derivatives(self, incidence: Array) -> TensionDerivatives:
         """Of the tensions along the tendons at fixed lengths of their segments.

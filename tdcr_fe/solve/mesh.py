@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -224,9 +225,9 @@ class MeshEstimate:
     """Estimated discretisation error of one solved state."""
 
     largest: float  # Largest estimated displacement of a node to its position with exact elements [m]
-    # (B,): Largest displacement of a node that each bay's own defect causes [m]; None where the error is below
-    # the goal. Infinite where the equations along an element have no finite solution under its wrench.
-    by_bay: Array | None
+    # Gives the largest displacement of a node that each bay's own defect causes [m], shape (B,); infinite where the
+    # equations along an element have no finite solution under its wrench.
+    by_bay: Callable[[], Array]
     # (B,): Axial compression of each bay over its buckling load, see `bay_loads`; zero where it is not defined
     # [1]
     bay_loads: Array
@@ -237,9 +238,7 @@ def _transposed(matrices: Array, vectors: Array) -> Array:
     return np.asarray((vectors[..., None, :] @ matrices)[..., 0, :])
 
 
-def defects(
-    model: ElementModel, twists: Array, rotations: Array, tensions: Array
-) -> tuple[Array, Array | None]:
+def defects(model: ElementModel, twists: Array, rotations: Array, tensions: Array) -> tuple[Array, Array]:
     """Additional forces (by the elements' twists) and couples of exact elements in the solved configuration.
 
     Parameters
@@ -253,8 +252,8 @@ def defects(
     -------
     forces : ndarray, shape (S, E, 6)
         ``K e`` of every element.
-    couples : ndarray, shape (S, E, 3), or None
-        ``r_w`` on the last node of every element, world axes [N m]; None without own weight.
+    couples : ndarray, shape (S, E, 3)
+        ``r_w`` on the last node of every element, world axes [N m].
     """
     weight, lengths = _transposed(rotations, model.weight), model.forces.mesh.lengths[:, None]
     gradient = model.forces.gradient(twists, tensions)
@@ -277,36 +276,33 @@ def defects(
     from_first: Array = np.linalg.inv(to_first).astype(np.float64)
     force += _transposed(from_first, moved)
     force[:, ~model.flexible] = 0.0
-    if not np.any(model.weight):
-        return force, None
     lumped = 0.5 * lengths * own[..., :3, 3]
     return force, (rotations @ cross(moments - lumped, weight)[..., None])[..., 0]
 
 
-def displacements(states: Sequence[SolvedState], forces: Array, couples: Array | None) -> Array:
+def displacements(states: Sequence[SolvedState], forces: Array, couples: Array) -> Array:
     """Displacement of the nodes caused by forces and couples as from `defects`, with the base fixed.
 
-    Of the last node of every element, by the tangents of these states, world axes [m], shape (S, E, 3).
+    Of the last node of every element, by the tangents of these states, world axes [m], shape (S, K, E, 3); from K cases
+    of forces (S, K, E, 6) and couples (S, K, E, 3) of every state.
     """
-    twists, rotations = (np.stack([getattr(s, name) for s in states]) for name in ("twists", "rotations"))
+    twists, rotations = (np.stack([getattr(s, n) for s in states])[:, None] for n in ("twists", "rotations"))
     own = exp_matrix(twists, coefficients(twists[..., 3:]))
     ends = rotations @ own[..., :3, :3]
     inverse: Array = np.linalg.inv(inverse_tangent_se3(twists)).astype(np.float64)
-    if couples is not None:
-        # A couple on a node bends every element between it and the base.
-        beyond = couples[:, ::-1].cumsum(axis=1)[:, ::-1]
-        bending = _transposed(inverse[..., 3:, :], _transposed(ends, beyond))
-        forces = np.asarray(forces + bending)
-    matrices = strain_matrices(np.stack([s.tangent_twists for s in states]))
+    # A couple on a node bends every element between it and the base.
+    beyond = couples[..., ::-1, :].cumsum(axis=-2)[..., ::-1, :]
+    forces = np.asarray(forces + _transposed(inverse[..., 3:, :], _transposed(ends, beyond)))
+    matrices = strain_matrices(np.stack([s.tangent_twists for s in states])[:, None])
     loads = nodal_sum(_transposed(matrices, forces))
-    nodes = np.stack([s.solve(w.reshape(-1, 1))[:, 0] for s, w in zip(states, loads, strict=True)])
+    nodes = np.stack([s.solve(w.reshape(len(w), -1).T).T for s, w in zip(states, loads, strict=True)])
     nodes = nodes.reshape(loads.shape)
-    both = np.concatenate((nodes[:, :-1], nodes[:, 1:]), axis=-1)
+    both = np.concatenate((nodes[..., :-1, :], nodes[..., 1:, :]), axis=-1)
     local = (inverse @ (matrices @ both[..., None]))[..., 0].reshape(*forces.shape[:-1], 2, 3)
     world = (ends[..., None, :, :] @ local[..., None])[..., 0]
-    turn = world[..., 1, :].cumsum(axis=1)
+    turn = world[..., 1, :].cumsum(axis=-2)
     arms = (rotations @ own[..., :3, 3, None])[..., 0]
-    return np.asarray((world[..., 0, :] + cross(turn - world[..., 1, :], arms)).cumsum(axis=1))
+    return np.asarray((world[..., 0, :] + cross(turn - world[..., 1, :], arms)).cumsum(axis=-2))
 
 
 def _largest(moved: Array) -> Array:
@@ -316,7 +312,7 @@ def _largest(moved: Array) -> Array:
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def estimate(model: ElementModel, states: Sequence[SolvedState], goal: float) -> list[MeshEstimate]:
+def estimate(model: ElementModel, states: Sequence[SolvedState]) -> list[MeshEstimate]:
     """Estimated discretisation error of solved states of one mesh.
 
     Parameters
@@ -325,8 +321,6 @@ def estimate(model: ElementModel, states: Sequence[SolvedState], goal: float) ->
         The elements.
     states
         Any number; the elements of all are integrated at once.
-    goal
-        Error above which the contribution of each bay is computed as well [m].
 
     Returns
     -------
@@ -340,15 +334,19 @@ def estimate(model: ElementModel, states: Sequence[SolvedState], goal: float) ->
     forces, couples = defects(model, twists, rotations, tensions)
     loads = bay_loads(model, twists, tensions)
     found = []
-    for k, size in enumerate(_largest(displacements(states, forces, couples)).tolist()):
-        by_bay = None
-        if not size <= goal:
-            inside = (model.bays == np.arange(int(model.bays.max()) + 1)[:, None])[..., None]
-            of_bays = np.where(inside, forces[k], 0.0)
-            couples_of_bays = None if couples is None else np.where(inside, couples[k], 0.0)
-            by_bay = _largest(displacements([states[k]] * len(inside), of_bays, couples_of_bays))
-        found.append(MeshEstimate(size, by_bay, loads[k]))
+    for k, size in enumerate(
+        _largest(displacements(states, forces[:, None], couples[:, None]))[:, 0].tolist()
+    ):
+        found.append(MeshEstimate(size, partial(_by_bay, model, states[k], forces[k], couples[k]), loads[k]))
     return found
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def _by_bay(model: ElementModel, state: SolvedState, forces: Array, couples: Array) -> Array:
+    """See `MeshEstimate.by_bay`."""
+    inside = (model.bays == np.arange(int(model.bays.max()) + 1)[:, None])[..., None]
+    of_bays = (np.where(inside, own, 0.0)[None] for own in (forces, couples))
+    return _largest(displacements([state], *of_bays))[0]
 
 
 def bay_loads(model: ElementModel, twists: Array, tensions: Array) -> Array:
@@ -389,12 +387,10 @@ class MeshMonitor:
     ----------
     simulation
         The run.
-    goal
-        Error above which the contribution of each bay is computed as well [m].
     """
 
-    def __init__(self, simulation: Simulation, goal: float) -> None:
-        self._simulation, self._handle, self._goal = simulation, simulation.handle, goal
+    def __init__(self, simulation: Simulation) -> None:
+        self._simulation, self._handle = simulation, simulation.handle
         self._model = ElementModel.of(self._handle)
         self._compliance = self._handle.compliance_factor
         self._waiting: list[SolvedState] = []
@@ -416,7 +412,7 @@ class MeshMonitor:
 
     def flush(self) -> None:
         """Estimate the pending states."""
-        self.estimates += estimate(self._model, self._waiting, self._goal)
+        self.estimates += estimate(self._model, self._waiting)
         self._waiting = []
 
 
@@ -449,8 +445,9 @@ def refined(
     n = np.asarray(counts, dtype=float)
     worst = np.zeros(len(n))
     for found in estimates:
-        if found.by_bay is not None:
-            worst[: len(found.by_bay)] = np.maximum(worst[: len(found.by_bay)], found.by_bay)
+        if not found.largest <= goal:
+            by_bay = found.by_bay()
+            worst[: len(by_bay)] = np.maximum(worst[: len(by_bay)], by_bay)
     most = np.minimum(GROWTH * n, MOST_PER_BAY)
     known = np.isfinite(worst)
     scaled = np.where(known, worst, 0.0) * n**order

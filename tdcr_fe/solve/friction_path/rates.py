@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dgetrf, dgetrs
+from scipy.linalg.lapack import dgesv, dgetrf, dgetrs
 
 from tdcr_fe.compiled import compilable, compiled_as
 from tdcr_fe.elements import Array, Flags, Index
@@ -29,20 +29,19 @@ class SmallFactors(NamedTuple):
 
     lu: Array  # (n, n): LU factors of the transposed matrix; the inverse in compiled functions
     pivots: NDArray[np.int32]  # (n,): Rows exchanged; not used with the inverse
-    singular: bool
 
 
 def _inverse(matrix: Array) -> SmallFactors:
     inverse: Any = np.linalg.inv(matrix.T).T
-    return SmallFactors(inverse, np.zeros(0, dtype=np.int32), False)
+    return SmallFactors(inverse, np.zeros(0, dtype=np.int32))
 
 
 @compiled_as(_inverse)
 def factorised(matrix: Array) -> SmallFactors:
     """Factors of a matrix whose rows lie in memory one after the other; it is overwritten."""
     # LAPACK has matrices column by column: it takes the transposed one without a copy.
-    lu, pivots, singular = dgetrf(matrix.T, overwrite_a=True)
-    return SmallFactors(lu, pivots, singular != 0)
+    lu, pivots, _ = dgetrf(matrix.T, overwrite_a=True)
+    return SmallFactors(lu, pivots)
 
 
 @compiled_as(lambda factors, right: factors.lu.dot(right))
@@ -57,10 +56,11 @@ def solved_rows(factors: SmallFactors, rows: Array) -> Array:
     return dgetrs(factors.lu, factors.pivots, rows.T, trans=1)[0].T
 
 
-@compiled_as(lambda factors, right: right.dot(factors.lu))
-def solved_transposed(factors: SmallFactors, right: Array) -> Array:
-    """Solution ``x`` of ``x matrix = right``, shape (n,)."""
-    return dgetrs(factors.lu, factors.pivots, right)[0]
+@compiled_as(lambda matrix, right: right.dot(np.linalg.inv(matrix)))
+def solved_transposed(matrix: Array, right: Array) -> Array:
+    """Solution ``x`` of ``x matrix = right``, shape (n,), nan where there is none; both are overwritten."""
+    _, _, found, singular = dgesv(matrix.T, right, overwrite_a=True, overwrite_b=True)
+    return np.full(len(right), np.nan) if singular else found
 
 
 @compiled_as(lambda matrix, which: matrix[which])
@@ -135,7 +135,8 @@ class SlipDerivatives(NamedTuple):
     missing: Flags  # (n,): Unknowns whose derivatives were not used yet
     # (n, n): Row by row, minus the derivatives of the complements by one of the unknowns, see `columns_of`
     columns: Array
-    tensions: Array  # (n, q): Derivatives of the tensions by the unknowns [N, 1]
+    # (n, q): Derivatives of the tensions by the unknowns [N, 1], of those whose columns were computed
+    tensions: Array
 
 
 class SlipState(NamedTuple):
@@ -166,12 +167,6 @@ def columns_of(derivatives: SlipDerivatives, which: Index) -> Array:
 
 
 @compilable
-def tension_columns(derivatives: SlipDerivatives, which: Index) -> Array:
-    """Derivatives of the tensions of the segments by some unknowns, which `columns_of` has computed [N, 1], (i, q)."""
-    return some_rows(derivatives.tensions, which)
-
-
-@compilable
 def with_changed(state: SlipState, which: Index, columns: Array, change: Array) -> SlipState:
     """The state at the same load factor with some of the unknowns changed a little, with the same derivatives.
 
@@ -189,13 +184,12 @@ def with_changed(state: SlipState, which: Index, columns: Array, change: Array) 
     by = state.derivatives
     slip = state.slip - change.dot(columns)
     slip[which] += by.elastic_slip[which] * change
-    return SlipState(state.tension + change.dot(tension_columns(by, which)), slip, by)
+    return SlipState(state.tension + change.dot(some_rows(by.tensions, which)), slip, by)
 
 
 class Rates(NamedTuple):
-    """Rates at one load factor that satisfy the conditions of complementarity."""
+    """Rates at one load factor that satisfy the conditions of complementarity; nan where there are none."""
 
-    found: bool  # Whether there are such; the rest means nothing where not
     side: Array  # (n,): 1 or -1 where an unknown stays at its bound, 0 where it is free
     rate: Array  # (n,): Of the unknowns [1, N]; zero at bounds
     complement: Array  # (n,): Of the complements [m]; zero up to round-off where unknowns are free
@@ -229,11 +223,7 @@ def solve_rates(derivatives: SlipDerivatives, side: Array, slack: Array, unknown
         rate, complement = np.zeros(count), load
         if free.size:
             columns = columns_of(derivatives, free)
-            factors = factorised(some_columns(columns, free))
-            if factors.singular:
-                return Rates(False, active, rate, complement, free)
-            of_free = solved_transposed(factors, load[free])
-            rate[free] = of_free
+            rate[free] = of_free = solved_transposed(some_columns(columns, free), load[free])
             complement = load - of_free.dot(columns)
         violated = active * complement < -unknowns.tolerance
         if slack.size:
@@ -245,10 +235,10 @@ def solve_rates(derivatives: SlipDerivatives, side: Array, slack: Array, unknown
             back = np.where(outward, side, 0.0)
         number = int(np.count_nonzero(violated))
         if number == 0:
-            return Rates(True, active, rate, complement, free)
+            return Rates(active, rate, complement, free)
         violated, fewest, idle_left = exchanged(violated, number, fewest, idle_left)
         active, pivoted = np.where(violated, back, active), True
-    return Rates(False, active, rate, complement, free)
+    return Rates(active, rate, np.full(count, np.nan), free)
 
 
 @compilable

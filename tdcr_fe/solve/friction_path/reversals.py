@@ -12,7 +12,7 @@ from tdcr_fe.elements.complementarity import solve_box
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.layout import Numbering
 from tdcr_fe.solve.friction_path.follow import FrictionPath, follow_friction
-from tdcr_fe.solve.friction_path.rates import columns_of, tension_columns
+from tdcr_fe.solve.friction_path.rates import columns_of
 from tdcr_fe.solve.friction_path.response import KnownStates
 from tdcr_fe.solve.friction_path.slips import InterpolatedSlips, Intervals
 from tdcr_fe.solve.friction_path.transfer import tension_transfer
@@ -56,12 +56,12 @@ class SubstepSlips(NamedTuple):
         base = end.driven_tension[taut.driven]
         last = slips.at(1.0, np.append(after, base), data[-1].tension).derivatives
         every, pulled = np.arange(k), k + np.flatnonzero(base > 0.0)
-        matrix, tensions = columns_of(last, every).T, tension_columns(last, every).T
+        matrix, tensions = columns_of(last, every).T, last.tensions[:k].T
         if pulled.size:
             # Tendons driven by displacement that are taut keep their length: their tensions follow.
             columns = columns_of(last, pulled).T
             follow = -np.linalg.solve(columns[pulled], matrix[pulled])
-            tensions = tensions + tension_columns(last, pulled).T @ follow
+            tensions = tensions + last.tensions[pulled].T @ follow
             matrix = matrix + columns @ follow
         slip = (end.slips - start.slips)[holes]
         first, columns = start.driven_tension[taut.driven], known.points[-1].response.nodes @ tensions

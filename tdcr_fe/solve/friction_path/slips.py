@@ -55,10 +55,6 @@ class Intervals(NamedTuple):
     # (s, k + c + r, q): Derivatives by the tensions at its start, and their change up to its end [m/N, rad/N]
     by_tension: Array
     by_tension_change: Array  # as `by_tension`
-    # (s, k + c + r): Rates of the values by these derivatives and the rates of the tensions along the straight
-    # line [m, rad]
-    along: Array
-    along_change: Array  # as `along`
     # Part ``p`` of that change by which the derivatives leave their straight line: ``x + p x (1 - x)`` in place
     # of the fraction ``x`` of the interval [1]
     parabola: float
@@ -118,9 +114,7 @@ def _interval(first: SlipData, last: SlipData) -> tuple[float | Array, ...]:
     rate, by_tension_change = change / length, last.by_tension - first.by_tension
     polynomial = cubic(last.values - first.values, *slopes)
     coefficients = np.array((first.values, slopes[0], *polynomial))
-    along, along_change = first.by_tension @ rate, by_tension_change @ rate
-    start = first.factor, length, first.tension, rate
-    return *start, coefficients, first.by_tension, by_tension_change, along, along_change
+    return first.factor, length, first.tension, rate, coefficients, first.by_tension, by_tension_change
 
 
 @compilable
@@ -154,7 +148,7 @@ def point_on_line(intervals: Intervals, factor: float) -> tuple[Array, Array, Ar
     by_tension = weight * change
     by_tension += intervals.by_tension[i]
     line = intervals.tension[i] + moved * intervals.tension_rate[i]
-    rates = polynomials[1] / length - intervals.along[i] - weight * intervals.along_change[i]
+    rates = polynomials[1] / length - by_tension.dot(intervals.tension_rate[i])
     return line, polynomials[0], by_tension, rates, change, length
 
 
