@@ -56,14 +56,12 @@ def tip_sensor(mbs: exu.MainSystem, handle: TDCR) -> Any:
     return handle.add_sensors()["tip_position"]
 
 
-def solve_scene(
-    mbs: exu.MainSystem, handle: TDCR, *inputs: Any, by: str = "tensions", **rest: Any
-) -> np.ndarray:
+def solve_scene(mbs: exu.MainSystem, arm: TDCR, *inputs: Any, by: str = "tensions", **keys: Any) -> Any:
     """Positions of the nodes after inputs, by tendon or in order, each set has been solved."""
     for each in inputs:
-        getattr(handle, f"set_{by}")(each)
-        mbs.SolveTDCR(**rest)
-    return handle.shape()[0]
+        getattr(arm, f"set_{by}")(each)
+        mbs.SolveTDCR(**keys)
+    return arm.shape()[0]
 
 
 def pulled_in_steps(mbs: exu.MainSystem, handle: TDCR, tensions: Any) -> list[dict[str, Any]]:

@@ -454,18 +454,14 @@ def other_forms(state: SearchState) -> list[tuple[Effect, ...]]:
     """
     best, found = state.best, []
     for e in best.effects:
-        names = {p.name for p in e.parameters}
-        forms = {f: {p.name for p in f.parameters} for f in state.dictionary if f.listed == e.listed}
-        larger = [
-            f for f, own in forms.items() if own > names or (not own & names and len(own) != len(names))
-        ]
-        smaller = [f for f, own in forms.items() if own < names]
+        mine = {p.name for p in e.parameters}
+        forms = {f: {p.name for p in f.parameters} for f in state.dictionary if f.law == e.law}
+        larger = [f for f, own in forms.items() if own > mine or (not own & mine and len(own) != len(mine))]
+        smaller = [f for f, own in forms.items() if own < mine]
         if smaller:
-            larger.append(min(smaller, key=lambda f: _cost_without(state.problem, best, e, names - forms[f])))
+            larger.append(min(smaller, key=lambda f: _cost_without(state.problem, best, e, mine - forms[f])))
         if isinstance(e, Cause):
-            places = [
-                f for f in state.dictionary if f.law == e.law and {p.name for p in f.parameters} == names
-            ]
+            places = [f for f, own in forms.items() if own == mine]
             for pair in itertools.pairwise(places):
                 larger += pair if e.name in {f.name for f in pair} else ()
             larger += [f for f in state.dictionary if f.name == e.everywhere]

@@ -372,8 +372,8 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> Iterator
             yield from (SettlingLoad(x, lambda b: clock.value(b)[:, :1], span, state) for x in lasting)
     names = problem.experiment.robot.tendon_names
     tensions = tensions_of(names)
-    beside = lever(tip_forces(resolve(problem.data.robot, problem.data.steps)))
-    for free in (*free_loads(clock, tensions, parts, bays), beside):
+    forces = tip_forces(resolve(problem.data.robot, problem.data.steps))
+    for free in free_loads(clock, tensions, parts, bays, forces):
         if "row" in free.depends_on and not progress:
             continue
         for bay in range(bays - 1 if free.at_tip else 0, bays):
@@ -456,11 +456,11 @@ class _FreeLoad(NamedTuple):
 
 
 def free_loads(
-    clock: Factor, tensions: Iterable[Factor], parts: Sequence[Factor], bays: int
+    clock: Factor, tensions: Iterable[Factor], parts: Sequence[Factor], bays: int, forces: Array
 ) -> Iterator[_FreeLoad]:
     """Along fixed directions and along those that turn with the tip, constant or in proportion to something.
 
-    ``tensions``: of single tendons; ``parts``: of the rows, see `parts_of_rows`.
+    ``tensions``: of single tendons; ``parts``: of the rows, see `parts_of_rows`; ``forces``: on the tip, shape (K, 3).
     """
 
     def fixed(state: BayState, axis: int) -> Array:
@@ -472,6 +472,10 @@ def free_loads(
     def dipole(state: BayState, axis: int) -> Array:
         return np.cross(state.tip[:, :, 2], fixed(state, axis))
 
+    def by_lever(state: BayState, axis: int) -> Array:
+        return np.cross(state.tip[:, :, axis], forces)
+
+    force = Factor("the force on it", "F", "N", CONSTANT.value, "")
     many = len(parts) * bays > MOST_PAIRS
     anywhere = (CONSTANT, clock, TENSION, DISTANCE, *tensions, *parts)
     for perturbs, text, by, direction, factors in (
@@ -480,21 +484,12 @@ def free_loads(
         ("force", "that turns with the tip", "orientation", turning, (CONSTANT,)),
         ("moment", "that turns with the tip", "orientation", turning, (CONSTANT,)),
         ("moment", "of a uniform field on a magnet along the tip", "orientation", dipole, (CONSTANT, clock)),
+        ("moment", "of a lever at the tip", "", by_lever, (force,)),
     ):
         for factor in factors:
             depends = tuple(filter(None, (by, factor.kind))) or ("nothing",)
             at_tip = direction is not fixed or (many and factor in parts)
             yield _FreeLoad(perturbs, f"{text}, {factor.how}", depends, direction, factor, at_tip)
-
-
-def lever(forces: Array) -> _FreeLoad:
-    """The moment of forces on the tip, shape (K, 3), that act on a point beside it; its coordinates in the section."""
-
-    def turned(state: BayState, axis: int) -> Array:
-        return np.cross(state.tip[:, :, axis], forces)
-
-    load = Factor("the force", "F", "N", CONSTANT.value, "")
-    return _FreeLoad("moment", "of a force that acts beside the tip", ("nothing",), turned, load, at_tip=True)
 
 
 class DryBending(StateLoad):
@@ -518,12 +513,8 @@ class DryBending(StateLoad):
     def action(self, state: BayState, values: Values) -> Array:
         """See `StateLoad.action`."""
         within = max(values["within"], 1e-6 / float(state.edges[-1]))
-        path = state.curvature[..., :2] / within
-        direction, start = np.zeros(path.shape), np.zeros(path.shape[1:])
-        for k, begins in enumerate(state.begins):
-            last, change = (start, path[k]) if begins else (direction[k - 1], path[k] - path[k - 1])
-            direction[k] = _follows(last, change)
-        return values["moment"] * _moment(direction)
+        change = (_bending(state) - _before(state)) / within
+        return values["moment"] * _moment(_row_by_row(state, lambda last, k: _follows(last, change[k])))
 
 
 class PermanentSet(StateLoad):
@@ -548,13 +539,14 @@ class PermanentSet(StateLoad):
 
     def action(self, state: BayState, values: Values) -> Array:
         """See `StateLoad.action`."""
-        left = np.zeros((*state.shape, 2))
-        for k, (curvature, begins) in enumerate(zip(_bending(state), state.begins, strict=True)):
-            last = np.zeros(curvature.shape) if begins else left[k - 1]
-            elastic = curvature - last
+        bent = _bending(state)
+
+        def left(last: Array, k: int) -> Array:
+            elastic = bent[k] - last
             size = np.maximum(np.linalg.norm(elastic, axis=-1, keepdims=True), 1e-300)
-            left[k] = last + np.maximum(1.0 - values["limit"] / size, 0.0) * elastic
-        return values["coefficient"] * _moment(left)
+            return np.asarray(last + np.maximum(1.0 - values["limit"] / size, 0.0) * elastic)
+
+        return values["coefficient"] * _moment(_row_by_row(state, left))
 
 
 class Relaxation(StateLoad):
@@ -578,16 +570,26 @@ class Relaxation(StateLoad):
 
     def action(self, state: BayState, values: Values) -> Array:
         """See `StateLoad.action`; between two rows the curvature changes linearly."""
-        bent, clock = _bending(state), self.clock.value(state)[:, 0] / values[self.span]
-        relaxed = np.zeros(bent.shape)
-        for k in range(1, len(bent)):
-            if not state.begins[k]:
-                passed = clock[k] - clock[k - 1]
-                left = math.exp(-passed)
-                by_change = 1.0 - (1.0 - left) / passed if passed > 0.0 else 0.0
-                follows = (1.0 - left) * bent[k - 1] + by_change * (bent[k] - bent[k - 1])
-                relaxed[k] = left * relaxed[k - 1] + follows
-        return values["coefficient"] * _moment(relaxed)
+        clock = self.clock.value(state)[:, :1, None] / values[self.span]
+        passed = np.where(state.begins[:, None, None], 0.0, np.diff(clock, axis=0, prepend=0.0))
+        left = np.exp(-passed)
+        # mean of what is left over the row
+        mean = np.divide(1.0 - left, passed, out=np.ones(left.shape), where=passed > 0.0)
+        gained = (mean - left) * _before(state) + (1.0 - mean) * _bending(state)
+        return values["coefficient"] * _moment(_row_by_row(state, lambda last, k: left[k] * last + gained[k]))
+
+
+def _before(state: BayState) -> Array:
+    """Curvature in the row before, zero where a loading sequence begins, shape (K, n_bays, 2)."""
+    return np.where(state.begins[:, None, None], 0.0, np.roll(_bending(state), 1, axis=0))
+
+
+def _row_by_row(state: BayState, left: Callable[[Array, int], Array]) -> Array:
+    """What is left in a row, from what was in the row before, zero where a sequence begins; shape (K, n_bays, 2)."""
+    found = np.zeros((*state.shape, 2))
+    for k, begins in enumerate(state.begins):
+        found[k] = left(np.zeros(found.shape[1:]) if begins else found[k - 1], k)
+    return found
 
 
 def _follows(last: Array, change: Array) -> Array:

@@ -85,7 +85,8 @@ def test_loads_from_a_row_on_act_on_all_disks_of_short_sequences():
     """Up to 1200 pairs of rows and disks, else on the tip alone: their columns would take too much memory."""
     parts = state_loads.parts_of_rows(ROW, {7: 7.0, 8: 8.0})
     for bays, at_tip in ((300, False), (301, True)):
-        found = [x for x in state_loads.free_loads(ROW, (), parts, bays) if x.factor.choices > 1]
+        every = state_loads.free_loads(ROW, (), parts, bays, np.zeros((1, 3)))
+        found = [x for x in every if x.factor.choices > 1]
         assert len(found) == 8 and {x.at_tip for x in found} == {at_tip}
 
 
@@ -207,10 +208,9 @@ def test_a_tendon_that_loses_all_its_tension_ends_there():
 def test_a_force_beside_the_tip_turns_it_by_its_lever():
     """The lever turns with the section; the moment passes through all bays."""
     problem, run, causes = declared()
-    (beside,) = [e for n, e in causes.items() if n.startswith("moment of a force that acts beside the tip")]
+    beside = causes["moment of a lever at the tip, in proportion to the force on it (tip)"]
     values, turned = {"x": 4e-3, "y": -2e-3, "z": 1e-3}, run.bays.tip @ (4e-3, -2e-3, 1e-3)
-    steps = problem.experiment.steps
-    forces = [s.loads["tip"].force if "tip" in s.loads else (0.0, 0.0, 0.0) for s in steps]
+    forces = [s.loads["tip"].force if s.loads else (0.0, 0.0, 0.0) for s in problem.experiment.steps]
     expected = np.cross(turned, forces)
     assert np.any(expected) and beside.parameters[0].unit == "m"
     for bay in np.moveaxis(Action(beside.action(run.bays, values), run.bays.rotation).moments, 1, 0):
