@@ -94,10 +94,10 @@ def number(name: str, unit: str, span: tuple[float, float], null: float, scale: 
     return Parameter(name, unit, span[0], span[1], null, scale, name.replace("_", " "))
 
 
-def settling_span(name: str, unit: str, duration: float) -> tuple[Parameter, dict[str, list[float]]]:
+def settling_span(unit: str, duration: float) -> tuple[Parameter, dict[str, list[float]]]:
     """The span in which something settles that lasts so long in all, and values at which it is tried."""
-    span = number(name, unit, (1e-3 * duration, 10.0 * duration), 0.2 * duration, 0.02 * duration)
-    return span, {name: [x * duration for x in (0.05, 0.2, 0.6)]}
+    span = number("span", unit, (1e-3 * duration, 10.0 * duration), 0.2 * duration, 0.02 * duration)
+    return span, {"span": [x * duration for x in (0.05, 0.2, 0.6)]}
 
 
 #: From the experiment and the values of a cause to the experiment with it.
@@ -186,24 +186,21 @@ class SettlingLoad(StateLoad):
         What acts in the end.
     clock
         From the state to the time, or the number of the row, of every load step, shape (K, 1).
-    span
-        Name and unit of the span in which it settles, of the clock: "time" or "rows".
-    state
-        Of the declared model.
+    last, held
+        See `settling_span`.
     """
 
     def __init__(
-        self, load: StateLoad, clock: Callable[[BayState], Array], span: tuple[str, str], state: BayState
+        self, load: StateLoad, clock: Callable[[BayState], Array], last: Parameter, held: Held
     ) -> None:
-        last, held = settling_span(*span, float(np.ptp(clock(state))))
         name, sentence = f"{load.name}, settling", f"{load.sentence}, which settles"
         super().__init__(name, load.kind, (*load.parameters, last), load.acts, sentence, load.price, held)
-        self.load, self.clock, self.span = load, clock, last.name
+        self.load, self.clock = load, clock
 
     def action(self, state: BayState, values: Values) -> Array:
         """See `StateLoad.action`."""
         clock = self.clock(state)[..., None]
-        share = 1.0 - np.exp(-(clock - clock[0]) / values[self.span])
+        share = 1.0 - np.exp(-(clock - clock[0]) / values["span"])
         return np.asarray(self.load.action(state, values) * share)
 
 

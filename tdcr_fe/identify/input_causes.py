@@ -122,7 +122,7 @@ class _Inputs(NamedTuple):
     def by_law(self, clock: str) -> Iterator[Cause]:
         """Off by a constant, by a part that grows with them, or that changes along the rows: all, each or one."""
         most, grows = self.most, "the gain of the inputs depends on their size"
-        gain_settles, (span, spans) = "the gain of the inputs settles", settling_span("span", "1", 1.0)
+        gain_settles, (span, spans) = "the gain of the inputs settles", settling_span("1", 1.0)
         missing = "a share of the largest input so far is missing"
 
         def settled(p: Array, values: Values) -> Array:

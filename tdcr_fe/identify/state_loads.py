@@ -21,7 +21,7 @@ from tdcr_fe.effects.base import Kind, Values
 from tdcr_fe.elements import Array
 from tdcr_fe.identify.balance import scale
 from tdcr_fe.identify.bay_state import COMPONENTS, FORCE, MOMENT, BayState, end_of_bay, last_direction
-from tdcr_fe.identify.causes import Attraction, Cord, SettlingLoad, StateLoad, number, settling_span
+from tdcr_fe.identify.causes import Attraction, Cord, Held, SettlingLoad, StateLoad, number, settling_span
 from tdcr_fe.identify.criteria import OTHER_GRAVITY, PER_FACTOR, UNNAMED
 from tdcr_fe.identify.rows import possible_starts, tip_forces
 from tdcr_fe.model.loading import resolve
@@ -336,7 +336,8 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> Iterator
     ``progress``: what a drift depends on, "time" or "row"; empty where drifts are left out.
     """
     size, length = scale(problem.experiment.robot), float(state.edges[-1])
-    clock, span = (TIME, ("time", "s")) if progress == "time" else (ROW, ("rows", "1"))
+    clock = TIME if progress == "time" else ROW
+    settling = settling_span(clock.unit or "1", float(np.ptp(clock.value(state))))
     bays = state.shape[1]
 
     def load(name: str, kind: Kind, terms: _Coefficients, text: str, price: float) -> Iterator[StateLoad]:
@@ -369,7 +370,7 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> Iterator
         if progress and term.factors == (clock,) and term.bays is None and ((), term.direction) in _LISTED:
             last = Term((), term.direction)
             lasting = load(last.key, kind, last.actions, sentence(last), price)
-            yield from (SettlingLoad(x, lambda b: clock.value(b)[:, :1], span, state) for x in lasting)
+            yield from (SettlingLoad(x, lambda b: clock.value(b)[:, :1], *settling) for x in lasting)
     names = problem.experiment.robot.tendon_names
     tensions = tensions_of(names)
     forces = tip_forces(resolve(problem.data.robot, problem.data.steps))
@@ -412,7 +413,8 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> Iterator
     if bent > 0.0:
         yield PermanentSet(float(size[0]), bent)
         if progress:
-            yield Relaxation(float(size[0]) / bent, clock, span, state)
+            for declared in ("of a fast load", "at rest"):
+                yield Relaxation(declared, float(size[0]) / bent, clock, *settling)
     spread = [(a, "N/m", partial(_spread, axis=i)) for i, a in enumerate("xyz")]
     kind = Kind("force", ("nothing",), "along the backbone")
     text = "a constant force along the whole backbone"
@@ -554,29 +556,34 @@ class Relaxation(StateLoad):
 
     Parameters
     ----------
+    declared
+        Whether the declared stiffness is that "of a fast load" or "at rest".
     stiffness
         A typical one [N m^2].
-    clock, span, state
-        See `SettlingLoad`.
+    clock
+        `TIME` or `ROW`.
+    last, held
+        See `settling_span`.
     """
 
-    def __init__(self, stiffness: float, clock: Factor, span: tuple[str, str], state: BayState) -> None:
+    def __init__(self, declared: str, stiffness: float, clock: Factor, last: Parameter, held: Held) -> None:
         most, step = FARTHEST * TYPICAL * stiffness, TYPICAL * stiffness
-        last, held = settling_span(*span, float(np.ptp(clock.value(state))))
         numbers = number("coefficient", "N m^2", (-most, most), 0.0, step), last
-        kind, text = Kind("stiffness", (clock.kind,), "everywhere"), "a backbone that relaxes and creeps back"
-        super().__init__("relaxation of the backbone", kind, numbers, (), text, math.log(10.0), held)
-        self.clock, self.span = clock, last.name
+        kind, name = Kind("stiffness", (clock.kind,), "everywhere"), f"relaxation, stiffness {declared}"
+        text = f"a backbone that relaxes; its declared stiffness is that {declared}"
+        super().__init__(name, kind, numbers, (), text, math.log(10.0), held)
+        self.clock, self.at_rest = clock, declared == "at rest"
 
     def action(self, state: BayState, values: Values) -> Array:
         """See `StateLoad.action`; between two rows the curvature changes linearly."""
-        clock = self.clock.value(state)[:, :1, None] / values[self.span]
+        clock = self.clock.value(state)[:, :1, None] / values["span"]
         passed = np.where(state.begins[:, None, None], 0.0, np.diff(clock, axis=0, prepend=0.0))
         left = np.exp(-passed)
         # mean of what is left over the row
         mean = np.divide(1.0 - left, passed, out=np.ones(left.shape), where=passed > 0.0)
         gained = (mean - left) * _before(state) + (1.0 - mean) * _bending(state)
-        return values["coefficient"] * _moment(_row_by_row(state, lambda last, k: left[k] * last + gained[k]))
+        relaxed = _row_by_row(state, lambda last, k: left[k] * last + gained[k])
+        return values["coefficient"] * _moment(relaxed - self.at_rest * _bending(state))
 
 
 def _before(state: BayState) -> Array:

@@ -176,19 +176,19 @@ def test_what_relaxes_follows_its_curvature_with_time():
     EI, span, rate = ROBOT.backbone.EI, 3.0, 0.4
     _, problem = bent_by((2.0 * EI, 2.0 * EI), 1.0, 100.0)
     run, causes = causes_of(problem)
-    load, values = causes["relaxation of the backbone"], {"coefficient": 0.2 * EI, "time": span}
+    load, values = causes["relaxation, stiffness of a fast load"], {"coefficient": 0.2 * EI, "span": span}
     assert load.kind == ("stiffness", ("time",), "everywhere")
     time = np.array([5.0, 6.0, 8.5, 9.0, 15.0])  # the ramp begins with the first and ends with the third row
-    bent = np.zeros((len(time), *run.bays.curvature.shape[1:]))
-    bent[..., 1] = rate * (np.minimum(time, 8.5) - 5.0)[:, None]
-    ramp = np.minimum(time - 5.0, 3.5)
+    bent, ramp = np.zeros((len(time), *run.bays.curvature.shape[1:])), np.minimum(time - 5.0, 3.5)
+    bent[..., 1] = rate * ramp[:, None]
     followed = rate * (ramp - span * (1.0 - np.exp(-ramp / span)))
-    at_end = bent[-1, 0, 1]
-    held = at_end - (at_end - followed) * np.exp(-np.maximum(time - 8.5, 0.0) / span)
+    held = bent[-1, 0, 1] - (bent[-1, 0, 1] - followed) * np.exp(-np.maximum(time - 8.5, 0.0) / span)
     path = replace(run.bays, curvature=bent, time=time, begins=np.arange(len(time)) == 0)
     path = BayState.joined([path] * 2)  # one sequence does not know of another
     for bay in load.action(path, values)[..., 1].T:
         np.testing.assert_allclose(bay, 0.2 * EI * np.tile(held, 2), rtol=1e-12, atol=1e-12)
+    softer = load.action(path, values) - causes["relaxation, stiffness at rest"].action(path, values)
+    np.testing.assert_allclose(softer[..., :3], 0.2 * EI * path.curvature, atol=1e-15)
     last = linearize(problem, [Request((load,), {load.name: values}, ())])[0].run
     np.testing.assert_allclose(last.bays.curvature[1, :, 1], 2.0 / (1.0 - 0.2), rtol=2e-3)
 
@@ -353,13 +353,13 @@ def test_a_stiffness_that_settles_falls_exponentially_with_the_rows():
     _, run, causes = declared()
     cause = causes["kappa, settling"]
     assert cause.kind == ("stiffness", ("row",), "everywhere")
-    values, rows = {"coefficient": 2.0, "rows": 3.0}, np.arange(len(run.positions))
+    values, rows = {"coefficient": 2.0, "span": 3.0}, np.arange(len(run.positions))
     bent = np.pad(run.bays.curvature[..., :2], ((0, 0), (0, 0), (0, 4)))
     grown = (1.0 - np.exp(-rows / 3.0))[:, None, None]
     np.testing.assert_allclose(cause.action(run.bays, values), 2.0 * grown * bent, rtol=1e-12)
     np.testing.assert_allclose(cause.by_value(run.bays, values, "coefficient"), grown * bent, rtol=1e-7)
-    later, before = (cause.action(run.bays, {**values, "rows": 3.0 + h}) for h in (1e-5, -1e-5))
-    slope = cause.by_value(run.bays, values, "rows")
+    later, before = (cause.action(run.bays, {**values, "span": 3.0 + h}) for h in (1e-5, -1e-5))
+    slope = cause.by_value(run.bays, values, "span")
     np.testing.assert_allclose(slope, (later - before) / 2e-5, atol=1e-7 * np.abs(slope).max())
 
 
