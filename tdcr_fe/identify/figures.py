@@ -56,10 +56,19 @@ def comparison(result: IdentificationResult) -> Figure:
 
 
 def _tip(result: IdentificationResult) -> tuple[Array, Array, Array]:
-    """Measured, declared and corrected positions of the marker next to the tip [mm], shape (n_steps, 3) each."""
-    s = result.shapes
+    """Measured, declared and corrected positions of the marker next to the tip [mm], shape (n_steps, 3) each.
+
+    Zero along axes that are not measured, as where a camera looks from the side.
+    """
+    s, seen = result.shapes, _measured_axes(result)
     last = int(np.argmax(np.where(np.isfinite(s.measured).any(axis=(0, 2)), s.arc_lengths, -np.inf)))
-    return 1e3 * s.measured[:, last], 1e3 * s.before[:, last], 1e3 * s.after[:, last]
+    measured, before, after = (np.where(seen, 1e3 * x[:, last], 0.0) for x in (s.measured, s.before, s.after))
+    return measured, before, after
+
+
+def _measured_axes(result: IdentificationResult) -> Flags:
+    """Axes along which positions are measured, shape (3,)."""
+    return np.asarray(np.isfinite(result.shapes.measured).any(axis=(0, 1)))
 
 
 def _dots(axes: Axes, points: Array, held_out: Flags) -> None:
@@ -76,7 +85,7 @@ def _tip_path(axes: Axes, result: IdentificationResult) -> bool:
         return False
     across = np.linalg.svd(known[:, :2] - known[:, :2].mean(axis=0))[2]
     spread = np.ptp(known[:, :2] @ across.T, axis=0)
-    flat = spread[1] < 0.08 * spread[0]
+    flat = spread[1] < 0.08 * spread[0] and _measured_axes(result)[2]
     towards = across[0] * (np.sign(across[0][int(np.argmax(np.abs(across[0])))]) or 1.0)
     project = np.array([[*towards, 0.0], [0.0, 0.0, 1.0]]) if flat else np.eye(3)[:2]
     for path, colour, _ in _drawn(result, before, after):
@@ -92,9 +101,9 @@ def _tip_path(axes: Axes, result: IdentificationResult) -> bool:
 
 def _shape_lines(axes: Axes, result: IdentificationResult) -> bool:
     """The shape in the step that bends most, and in the held-out step that bends most, each in its own plane."""
-    s, tips = result.shapes, _tip(result)[0]
+    s, tips, axes_seen = result.shapes, _tip(result)[0], _measured_axes(result)
     offset = np.linalg.norm(tips[:, :2], axis=1)
-    if not np.isfinite(offset).any():
+    if not np.isfinite(offset).any() or not axes_seen[2]:
         return False
     steps = [int(np.nanargmax(offset))]
     other = np.where(s.held_out & ~s.held_out[steps[0]], offset, np.nan)
@@ -110,7 +119,7 @@ def _shape_lines(axes: Axes, result: IdentificationResult) -> bool:
             axes.plot(*seen(backbone).T, color=colour, lw=1.4)
         for markers, colour, _ in _drawn(result, s.before[k], s.after[k]):  # they may be off the backbone
             axes.plot(*seen(markers).T, "x", color=colour, ms=4)
-        _dots(axes, seen(s.measured[k]), np.full(len(s.arc_lengths), s.held_out[k]))
+        _dots(axes, seen(np.where(axes_seen, s.measured[k], 0.0)), np.full(len(s.arc_lengths), s.held_out[k]))
         axes.annotate(f"step {result.data.step_ids[k]}", (side * float(offset[k]), float(tips[k, 2])),
                       xytext=(0, 7), textcoords="offset points", ha="center", fontsize=8)  # fmt: skip
     axes.set_aspect("equal", adjustable="datalim")

@@ -135,7 +135,6 @@ class _Inputs(NamedTuple):
         def so_far(u: Array, p: Array, _: Values) -> Array:
             return cumulative_trapezoid(np.maximum(u, 0.0), p, axis=0, initial=0)
 
-        give_way = "tendons give way for good, as long as they are pulled"
         direction, another = "direction of loading", "the gain of the inputs is another one while they"
         laws: list[tuple[str, str, _InputLaw, str]] = [
             ("offset of the input", "nothing", lambda *_: 1.0, "the inputs are off by a constant"),
@@ -147,11 +146,9 @@ class _Inputs(NamedTuple):
             ("offset that drifts", clock, lambda u, p, _: p, "the inputs drift"),
             ("gain that settles", clock, lambda u, *x: u * settled(*x), gain_settles),
             ("offset that settles", clock, lambda u, *x: settled(*x), "the inputs drift and settle"),
-            ("gain over the time so far", clock * (self.unit == "m"), so_far, give_way),
+            ("gain over the time so far", clock * (self.unit == "m"), so_far, "pulled tendons give way"),
         ]
-        for name, depends, shape, text in laws:
-            if not depends:
-                continue
+        for name, depends, shape, text in (law for law in laws if law[1]):
             is_gain = name.startswith("gain")
             size, unit = (1.0, "1") if is_gain else (most, self.unit)
             last, held = ((span,), spans) if name.endswith("settles") else ((), Cause.held)

@@ -355,13 +355,10 @@ def test_displacements_are_off_by_a_wave_of_a_spool_or_by_what_tendons_have_give
     wave = np.sin(2.0 * np.pi * given[:, 1] / 8e-3 + 0.6) - np.sin(0.6)
     integral = np.array([0.0, 1e-3, 7e-3, 9.5e-3]) / 5.0  # of the first input, over the time of the last row
     spool = {"size": 1e-4, "period": 8e-3, "phase": 0.6}
-    for name, values, off in (
-        ("wave of the input (tendon t2)", spool, [0.0 * wave, 1e-4 * wave]),
-        ("gain over the time so far (t1)", {"t1": -0.5}, [-0.5 * integral, 0.0 * wave]),
-    ):
-        steps = causes[name].apply(problem.experiment, values).steps
-        acted = [[s.displacements[n] for n in ROBOT.tendon_names] for s in steps]
-        np.testing.assert_allclose(acted, given + np.transpose(off), atol=1e-12, err_msg=name)
+    moved = causes["wave of the input (tendon t2)"].apply(problem.experiment, spool)
+    moved = causes["gain over the time so far (t1)"].apply(moved, {"t1": -0.5})
+    acted = [[s.displacements[n] for n in ROBOT.tendon_names] for s in moved.steps]
+    np.testing.assert_allclose(acted, given + np.column_stack((-0.5 * integral, 1e-4 * wave)), atol=1e-12)
 
 
 def test_a_cause_without_a_name_is_tried_at_the_places_beside_its_own():

@@ -46,11 +46,13 @@ def test_the_first_screen_has_verdict_errors_effects_picture_and_next_step():
     assert "average" not in plain(html)
 
 
-def test_the_error_of_a_marker_is_a_distance_along_what_was_measured():
+def test_the_error_of_a_marker_is_a_distance_along_what_was_measured_and_is_drawn_there():
     whole = result(GRAVITY)
     seen = tuple(r for r in whole.data.readings if r.quantity in ("position_x", "position_z"))
     words = measure(replace(whole, data=replace(whole.data, readings=seen)))
     assert words == "rms distance along x and z between measured and predicted markers"
+    shapes = replace(whole.shapes, measured=whole.shapes.measured * (1.0, np.nan, 1.0))
+    assert all(ax.get_visible() for ax in figures.comparison(replace(whole, shapes=shapes)).axes)
 
 
 SMALL, VAGUE = 0.01, 3.0
