@@ -165,7 +165,7 @@ class _Inputs(NamedTuple):
                 yield ChangedInputs(f"{name} ({who})", kind, numbers, shape, text, price, held)
 
     def waves(self) -> Iterator[Cause]:
-        """Displacements off by a wave of themselves, as from a spool that runs out of true: of all, or of one."""
+        """Displacements off by a wave of themselves, as from a spool that runs out of true."""
         size = number("size", "m", (-self.most, self.most), 0.0, 0.01 * self.most)
         period = number("period", "m", (0.2 * self.most, 20.0 * self.most), self.most, 0.1 * self.most)
         phase = number("phase", "rad", (-4.0, 4.0), 0.0, 0.1)

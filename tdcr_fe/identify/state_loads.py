@@ -580,7 +580,7 @@ class Relaxation(StateLoad):
         passed = np.where(state.begins[:, None, None], 0.0, np.diff(clock, axis=0, prepend=0.0))
         left = np.exp(-passed)
         # mean of what is left over the row
-        mean = np.divide(1.0 - left, passed, out=np.ones(left.shape), where=passed > 0.0)
+        mean = np.divide(-np.expm1(-passed), passed, out=np.ones(left.shape), where=passed > 0.0)
         gained = (mean - left) * _before(state) + (1.0 - mean) * _bending(state)
         relaxed = _row_by_row(state, lambda last, k: left[k] * last + gained[k])
         return values["coefficient"] * _moment(relaxed - self.at_rest * _bending(state))
