@@ -155,7 +155,7 @@ class _Inputs(NamedTuple):
             one = number("all", unit, (-0.9 * size, 3.0 * size), 0.0, 0.01 * size)
             each = tuple(replace(one, name=n) for n in self.names)
             forms: dict[str, tuple[Parameter, ...]] = {"all": (one,)} if is_gain else {}
-            forms |= {"each": each} if len(each) > 1 else {}
+            forms = {**forms, "each": each} if len(each) > 1 else {}
             for who, own in (forms | {p.name: (p,) for p in each}).items():
                 single = who in self.names
                 kind = Kind("input", (depends,), f"tendon {who}" if single else "everywhere")
