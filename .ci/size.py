@@ -36,7 +36,7 @@ BUDGET = {
     "tdcr_fe/model": 2443,
     "tdcr_fe/report": 1101,
     "tdcr_fe/scene": 1332,
-    "tdcr_fe/solve": 6327,
+    "tdcr_fe/solve": 6323,
     "tdcr_fe/sweeps": 1400,
     "validation": 6394,
     "tests": 12499,

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -225,9 +224,9 @@ class MeshEstimate:
     """Estimated discretisation error of one solved state."""
 
     largest: float  # Largest estimated displacement of a node to its position with exact elements [m]
-    # Gives the largest displacement of a node that each bay's own defect causes [m], shape (B,); infinite where the
-    # equations along an element have no finite solution under its wrench.
-    by_bay: Callable[[], Array]
+    # (B,): Largest displacement of a node that each bay's own defect causes [m]; None where the error is below
+    # the goal. Infinite where the equations along an element have no finite solution under its wrench.
+    by_bay: Array | None
     # (B,): Axial compression of each bay over its buckling load, see `bay_loads`; zero where it is not defined
     # [1]
     bay_loads: Array
@@ -312,7 +311,7 @@ def _largest(moved: Array) -> Array:
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def estimate(model: ElementModel, states: Sequence[SolvedState]) -> list[MeshEstimate]:
+def estimate(model: ElementModel, states: Sequence[SolvedState], goal: float) -> list[MeshEstimate]:
     """Estimated discretisation error of solved states of one mesh.
 
     Parameters
@@ -321,6 +320,8 @@ def estimate(model: ElementModel, states: Sequence[SolvedState]) -> list[MeshEst
         The elements.
     states
         Any number; the elements of all are integrated at once.
+    goal
+        Error above which the contribution of each bay is computed as well [m].
 
     Returns
     -------
@@ -333,15 +334,13 @@ def estimate(model: ElementModel, states: Sequence[SolvedState]) -> list[MeshEst
     twists, rotations, tensions = (np.stack([getattr(s, name) for s in states]) for name in names)
     forces, couples = defects(model, twists, rotations, tensions)
     loads = bay_loads(model, twists, tensions)
+    sizes = _largest(displacements(states, forces[:, None], couples[:, None]))[:, 0].tolist()
     found = []
-    for k, size in enumerate(
-        _largest(displacements(states, forces[:, None], couples[:, None]))[:, 0].tolist()
-    ):
-        found.append(MeshEstimate(size, partial(_by_bay, model, states[k], forces[k], couples[k]), loads[k]))
+    for size, load, *defect in zip(sizes, loads, states, forces, couples, strict=True):
+        found.append(MeshEstimate(size, None if size <= goal else _by_bay(model, *defect), load))
     return found
 
 
-@np.errstate(over="ignore", invalid="ignore")
 def _by_bay(model: ElementModel, state: SolvedState, forces: Array, couples: Array) -> Array:
     """See `MeshEstimate.by_bay`."""
     inside = (model.bays == np.arange(int(model.bays.max()) + 1)[:, None])[..., None]
@@ -387,10 +386,12 @@ class MeshMonitor:
     ----------
     simulation
         The run.
+    goal
+        Error above which the contribution of each bay is computed as well [m].
     """
 
-    def __init__(self, simulation: Simulation) -> None:
-        self._simulation, self._handle = simulation, simulation.handle
+    def __init__(self, simulation: Simulation, goal: float) -> None:
+        self._simulation, self._handle, self._goal = simulation, simulation.handle, goal
         self._model = ElementModel.of(self._handle)
         self._compliance = self._handle.compliance_factor
         self._waiting: list[SolvedState] = []
@@ -412,7 +413,7 @@ class MeshMonitor:
 
     def flush(self) -> None:
         """Estimate the pending states."""
-        self.estimates += estimate(self._model, self._waiting)
+        self.estimates += estimate(self._model, self._waiting, self._goal)
         self._waiting = []
 
 
@@ -445,9 +446,8 @@ def refined(
     n = np.asarray(counts, dtype=float)
     worst = np.zeros(len(n))
     for found in estimates:
-        if not found.largest <= goal:
-            by_bay = found.by_bay()
-            worst[: len(by_bay)] = np.maximum(worst[: len(by_bay)], by_bay)
+        if found.by_bay is not None:
+            worst[: len(found.by_bay)] = np.maximum(worst[: len(found.by_bay)], found.by_bay)
     most = np.minimum(GROWTH * n, MOST_PER_BAY)
     known = np.isfinite(worst)
     scaled = np.where(known, worst, 0.0) * n**order

@@ -177,7 +177,7 @@ class MeshedRun(ABC):
     def __init__(self, simulation: Simulation, elements_per_bay: tuple[int, ...], count: int) -> None:
         self.simulation, self.elements_per_bay, self.count = simulation, elements_per_bay, count
         self.goal = simulation.settings.mesh_tolerance * simulation.handle.robot.backbone.length
-        self.monitor = MeshMonitor(simulation)
+        self.monitor = MeshMonitor(simulation, self.goal)
         self.solved: list[StepResult] = []
         self.warnings: list[str] = []
         self.message = CONVERGED
@@ -369,7 +369,7 @@ class _Run(MeshedRun):
 
         The state is as before; those of the steps to come are kept, as near those that they will have.
         """
-        start, monitor = self.simulation.position, MeshMonitor(self.simulation)
+        start, monitor = self.simulation.position, MeshMonitor(self.simulation, self.goal)
         try:
             for number, target in enumerate(self.request.targets[solved:], start=solved + 1):
                 report = self.simulation.advance(target, substeps=1)
