@@ -120,15 +120,25 @@ def at_ends(experiment: Experiment, values: Array) -> Iterator[tuple[LoadStep, A
 def with_action(experiment: Experiment, action: Action) -> Experiment:
     """The experiment, possibly with divided steps, with an action as concentrated loads."""
     edges = experiment.robot.bay_edges
-    couple = action.moments
-    couple[:, :-1] -= couple[:, 1:]
-    wrench = np.concatenate((action.values[..., FORCE], couple), axis=-1)
     steps = []
-    for step, here in at_ends(experiment, wrench):
+    for step, here in at_ends(experiment, _wrenches(action)):
         ends = enumerate(zip(edges[1:].tolist(), here.tolist(), strict=True), 1)
         loads = {f"{LOAD} {j}": Load(s, (a, b, c), (d, e, f)) for j, (s, (a, b, c, d, e, f)) in ends}
         steps.append(replace(step, loads={**step.loads, **loads}))
     return replace(experiment, steps=tuple(steps))
+
+
+def _wrenches(action: Action) -> Array:
+    """Forces and moments at the ends of the bays, shape (K, n_bays, 6)."""
+    couple = action.moments
+    couple[:, :-1] -= couple[:, 1:]
+    return np.concatenate((action.values[..., FORCE], couple), axis=-1)
+
+
+def loads_of(experiment: Experiment, action: Action) -> dict[str, Array]:
+    """The concentrated loads of `with_action` at the ends of all steps, by name, shape (n_steps, 6)."""
+    wrenches = np.array([here for _, here in at_ends(experiment, _wrenches(action))])
+    return {f"{LOAD} {j}": wrenches[:, j - 1] for j in range(1, wrenches.shape[1] + 1)}
 
 
 def action_inputs(experiment: Experiment) -> tuple[StepInput, ...]:

@@ -25,6 +25,7 @@ from tdcr_fe.effects import Effect, Experiment, Parameter
 from tdcr_fe.elements import Array
 from tdcr_fe.identify import bay_state
 from tdcr_fe.identify.balance import agreed, coupling, of_readings, through_state
+from tdcr_fe.identify.bay_state import COMPONENTS
 from tdcr_fe.identify.causes import BesideDescription, ReadingCause, StateLoad
 from tdcr_fe.identify.forward import Job, advance
 from tdcr_fe.identify.input_causes import ChangedInputs, Commands
@@ -61,6 +62,14 @@ class Request(NamedTuple):
     columns: tuple[Column, ...]  # of these effects, or of others at values where they change nothing
     reference: Run | None = None  # path that the run follows
     record: bool = True  # whether the run keeps its own path
+    # whether columns of loads that depend on the state have what friction remembers of earlier steps; without that all
+    # of them follow from the response of each load step to loads
+    history: bool = True
+
+    @property
+    def state(self) -> bay_state.BayState | None:
+        """Of the path that the run follows."""
+        return None if self.reference is None else self.reference.bays
 
     @property
     def trajectories(self) -> Trajectories | None:
@@ -118,7 +127,8 @@ def _linearized(problem: FitProblem, request: Request) -> Generator[list[Job], l
             part = _Part(problem, request, action)
             (plain,) = yield [part.job]
             run, missing = part.balanced(plain)
-            if missing <= BALANCED:
+            known = request.state is not None or not (request.history and run.solved and run.acted)
+            if missing <= BALANCED and known:
                 beside = yield part.differences(plain)
                 return part.linear(run, plain, beside)
             if not missing < smallest or run.acted is None:
@@ -158,9 +168,12 @@ class _Part:
         self.observed: dict[int, Tabulated] = {}
         self.differenced: dict[int, str] = {}
         self.beside: dict[int, Experiment] = {}
+        self.along_history: dict[int, bay_state.Action] = {}  # what columns of loads act with
         tables: dict[int, ModelParameter | StepInputs] = {}
         for number, column in enumerate(request.columns):
             if isinstance(column.effect, BesideDescription):
+                if request.history and request.state is not None and isinstance(column.effect, StateLoad):
+                    tables[number] = self._of_load(number, request.state)
                 continue
             if not column.effect.exact_derivatives:
                 self.differenced[number] = "it declares no exact derivatives"
@@ -227,6 +240,16 @@ class _Part:
         assert isinstance(e, ChangedInputs)
         change = [e.by_number(part, commands, values, name) for part, commands in self._commands]
         return StepInputs(f"{number} {e.name}.{name}", np.concatenate(change))
+
+    def _of_load(self, number: int, state: bay_state.BayState) -> StepInputs:
+        """A column's parameter, of a load that depends on a state."""
+        e, name, values, _ = self.request.columns[number]
+        assert isinstance(e, StateLoad)
+        change = bay_state.Action(e.by_value(state, values, name), state.rotation)
+        self.along_history[number] = change
+        none = np.zeros((len(self.experiment.steps), len(self.experiment.robot.tendons)))
+        loads = bay_state.loads_of(self.experiment, change)
+        return StepInputs(f"{number} {e.name}.{name}", none, loads)
 
     def _moved(self, number: int, coordinate: float) -> Experiment:
         """The experiment with the parameter of a column at a coordinate.
@@ -342,21 +365,18 @@ class _Part:
         """Columns of loads that depend on the state; and what those of the model add to the other columns."""
         assert run.bays is not None and run.acted is not None
         state, response, loads = run.bays, run.acted.response, _loads(self.effects)
-        steps = len(run.positions)
-        every = enumerate(self.request.columns)
-        own = [(n, c, c.effect) for n, c in every if isinstance(c.effect, StateLoad)]
-        actions = [load.by_value(state, c.values, c.parameter).reshape(steps, -1) for _, c, load in own]
-        columns = [n for n, *_ in own]
+        (steps, bays), count = state.shape, len(self.request.columns)
+        actions = np.zeros((count, steps, bays, COMPONENTS))
+        for number, column in enumerate(self.request.columns):
+            if isinstance(column.effect, StateLoad):
+                actions[number] = column.effect.by_value(state, column.values, column.parameter)
+        for number, change in self.along_history.items():
+            actions[number] -= change.in_frames(state.rotation).values
+        stacked = np.moveaxis(actions.reshape(count, steps, bays * COMPONENTS), 0, -1)
         if loads:
-            by_state = through_state(loads, self.values, state, moved)
-            actions += list(np.moveaxis(by_state, 2, 0))
-            columns += list(numbers)
-        if not actions:
-            return
-        stacked = np.stack(actions, axis=-1)
-        if loads:
+            stacked[..., numbers] += through_state(loads, self.values, state, moved)
             stacked[:] = np.linalg.solve(coupling(loads, self.values, state, response), stacked)
-        matrix[:, columns] += of_readings(self.problem, stacked, response)
+        matrix += of_readings(self.problem, stacked, response)
 
 
 def _difference(values: Mapping[int, Array], present: Array, step: float) -> Array:

@@ -131,7 +131,8 @@ def _of_sequence(parameter: Parameter, number: int, steps: slice) -> Parameter:
     if isinstance(parameter, StepInput):
         return parameter
     if isinstance(parameter, StepInputs):
-        return replace(parameter, change=parameter.change[steps])
+        loads = {name: change[steps] for name, change in parameter.loads.items()}
+        return replace(parameter, change=parameter.change[steps], loads=loads)
     table = parameter.apply
     assert isinstance(table, Tabulated)
     own = {offset: e.sequences[number] for offset, e in table.experiments.items()}

@@ -13,8 +13,9 @@ from scipy.optimize import least_squares, lsq_linear
 from tdcr_fe.effects import Effect, Experiment
 from tdcr_fe.effects.base import Form
 from tdcr_fe.elements import Array, Flags
+from tdcr_fe.identify import criteria
 from tdcr_fe.identify.bay_state import COMPONENTS, FORCE
-from tdcr_fe.identify.causes import BesideDescription, PointForce
+from tdcr_fe.identify.causes import BesideDescription, PointForce, StateLoad
 from tdcr_fe.identify.derivatives import Column, Request, linearize
 from tdcr_fe.identify.fitting import can_be_seen
 from tdcr_fe.identify.input_causes import ChangedInputs
@@ -23,6 +24,10 @@ from tdcr_fe.identify.run import Run
 
 #: Relative error of predictions by first-order columns, as a sum of squares [1].
 FIRST_ORDER = 0.02
+
+#: Loads that depend on the state, the most promising by the response of each load step, that are derived along the
+#: history where there is friction. The right one was the sixth of those by tendon and place, and became the first.
+WITH_HISTORY = 40
 
 #: Steps at most by which the numbers of a force towards a point are fitted to first order.
 EVALUATIONS = 40
@@ -104,13 +109,29 @@ def screen(problem: FitProblem, fit: Fit, effects: Sequence[Effect]) -> tuple[li
             note = "the robot cannot be combined with it" if probes else "these data cannot show it"
             scores.append(Score.refused(e, fit, note))
         sets += [_ProbeSet.of(e, points, experiment) for points in alternatives]
-    signatures, fit = _signatures(problem, fit, sets)
-    space = _Space.of(problem, fit)
-    by_effect: dict[str, list[tuple[_ProbeSet, Array]]] = {}
+    signatures, fit = _signatures(problem, fit, sets, history=False)
+    found = _scores(problem, fit, sets, signatures)
+    if experiment.model.friction != "none":
+        loads = [
+            x
+            for x in found.values()
+            if isinstance(x.effect, StateLoad) and not isinstance(x.effect, PointForce)
+        ]
+        loads.sort(key=lambda x: criteria.complexity(problem, [x.effect], {}, x.count) - x.drop)
+        first = {x.effect.name for x in loads[:WITH_HISTORY]}
+        if sets := [one for one in sets if one.effect.name in first]:
+            found |= _scores(problem, fit, sets, _signatures(problem, fit, sets, history=True)[0])
+    return sorted([*scores, *found.values()], key=lambda s: -s.drop), fit
+
+
+def _scores(
+    problem: FitProblem, fit: Fit, sets: Sequence[_ProbeSet], signatures: Sequence[Array]
+) -> dict[str, Score]:
+    """Scores by names of candidates; ``signatures``: of the probe sets."""
+    space, by_effect = _Space.of(problem, fit), dict[str, list[tuple[_ProbeSet, Array]]]()
     for one, signature in zip(sets, signatures, strict=True):
         by_effect.setdefault(one.effect.name, []).append((one, signature))
-    scores += [_score(space, own) for own in by_effect.values()]
-    return sorted(scores, key=lambda s: -s.drop), fit
+    return {name: _score(space, own) for name, own in by_effect.items()}
 
 
 def _possible(problem: FitProblem, fit: Fit, e: Effect, points: Sequence[dict[str, float]]) -> bool:
@@ -194,16 +215,19 @@ class _ProbeSet:
         return np.stack([sum(parts, np.zeros(count)) for parts in moves], axis=1)
 
 
-def _signatures(problem: FitProblem, fit: Fit, sets: Sequence[_ProbeSet]) -> tuple[list[Array], Fit]:
+def _signatures(
+    problem: FitProblem, fit: Fit, sets: Sequence[_ProbeSet], history: bool
+) -> tuple[list[Array], Fit]:
     """Signatures of all probe sets from one run, and the model with that run.
 
-    Alternatives that begin at the same values share a derivative.
+    Alternatives that begin at the same values share a derivative. ``history``: see `Request`.
     """
     columns: dict[_Key, Column] = {}
     for one in sets:
         for name, column in one.columns.items():
             columns.setdefault(one.key(name), column)
-    (linear,) = linearize(problem, [Request(fit.effects, fit.values, tuple(columns.values()), fit.run)])
+    request = Request(fit.effects, fit.values, tuple(columns.values()), fit.run, history=history)
+    (linear,) = linearize(problem, [request])
     by_key = dict(zip(columns, linear.matrix.T, strict=True))
     own = ({name: by_key[one.key(name)] for name in one.columns} for one in sets)
     found = [one.signature(by, fit.residual.size) for one, by in zip(sets, own, strict=True)]

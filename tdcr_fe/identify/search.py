@@ -436,8 +436,7 @@ def _carried_over(problem: FitProblem, best: Fit, e: Effect) -> dict[str, float]
     A number of all is the mean of those of each, and one of each is that of all.
     """
     same = next((x for x in best.effects if x.listed == e.listed), None)
-    causes = (x for x in best.effects if isinstance(x, Cause))
-    same = same or next(x for x in causes if e.law == x.law or e.name == x.everywhere)
+    same = same or next(x for x in best.effects if isinstance(x, Cause) and x.everywhere == e.name)
     own, null = best.values[same.name], e.null_values(problem.experiment)
     alike = {
         n: [x for m, x in own.items() if f"{m}_".startswith(f"{n}_") or n.startswith(f"{m}_")] for n in null
@@ -449,8 +448,7 @@ def other_forms(state: SearchState) -> list[tuple[Effect, ...]]:
     """The best model with one cause in a form of more numbers, or in that form of fewer which promises most.
 
     Or with a number of all in place of those of each, and the other way. A cause without a name that acts somewhere may
-    act everywhere, or at the next place or from the next row on: first order, which leaves out what friction remembers,
-    put a tendon that loses tension one disk too low, at 0.95.
+    act everywhere.
     """
     best, found = state.best, []
     for e in best.effects:
@@ -460,12 +458,8 @@ def other_forms(state: SearchState) -> list[tuple[Effect, ...]]:
         smaller = [f for f, own in forms.items() if own < mine]
         if smaller:
             larger.append(min(smaller, key=lambda f: _cost_without(state.problem, best, e, mine - forms[f])))
-        if isinstance(e, Cause):
-            places = [f for f, own in forms.items() if own == mine]
-            for pair in itertools.pairwise(places):
-                larger += pair if e.name in {f.name for f in pair} else ()
+        if isinstance(e, Cause) and e.everywhere not in best.names:
             larger += [f for f in state.dictionary if f.name == e.everywhere]
-        larger = [f for f in larger if f.name not in best.names]
         found += [tuple(f if x is e else x for x in best.effects) for f in larger]
     return found
 

@@ -361,15 +361,6 @@ def test_displacements_are_off_by_a_wave_of_a_spool_or_by_what_tendons_have_give
     np.testing.assert_allclose(acted, given + np.column_stack((-0.5 * integral, 1e-4 * wave)), atol=1e-12)
 
 
-def test_a_cause_without_a_name_is_tried_at_the_places_beside_its_own():
-    """A tendon that lost tension from a disk on lost it from the disk before, at 0.95."""
-    problem, _, causes = declared()
-    at = {s: causes[f"lost tension (tendon t2, from s = {s} m on)"] for s in ("0.05", "0.1", "0.15")}
-    state = replace(state_of(problem), dictionary=tuple(causes.values()))
-    best = evaluate(problem, (at["0.1"],), {at["0.1"].name: {"share": 0.1}})
-    assert {x for (x,) in search.other_forms(replace(state, best=best))} == {at["0.05"], at["0.15"]}
-
-
 def test_late_inputs_are_those_on_the_way_to_the_command_a_time_before():
     """A blind set of motors that began 2 s late, with pauses of 8 to 50 s, ended with a lag and without a verdict."""
     data = measured()

@@ -122,6 +122,26 @@ def test_the_response_to_an_action_is_exact():
     np.testing.assert_allclose(moved.ravel(), bays, atol=2e-3 * np.abs(bays).max())
 
 
+def test_a_load_is_derived_with_what_friction_remembers_of_it():
+    """Against central differences of whole runs; the response of each load step alone is far from them."""
+    robot = ROBOT.with_tendons(friction_coefficient=3.0)
+    problem = problem_of(measured(robot=robot, model=FRICTIONAL))
+    load, none = load_of(TERMS["T kappa"]), {"coefficient": 0.0}
+    request = Request((), {}, (Column(load, "coefficient", none, 1.0),))
+    found, by_step = (linearize(problem, [request._replace(history=x)])[0] for x in (True, False))
+    state, h = found.run.bays, 1e-6
+    change = load.by_value(state, none, "coefficient")
+    acted = [with_action(problem.experiment, Action(x * h * change, state.rotation)) for x in (1.0, -1.0)]
+    runs = problem.run([Job(e, found.run.trajectories) for e in acted])
+    ahead, back = (problem.residual(e, r) for e, r in zip(acted, runs, strict=True))
+    expected = (back - ahead) / (2.0 * h)
+    size = np.abs(expected).max()
+    np.testing.assert_allclose(found.matrix[:, 0], expected, atol=1e-3 * size)
+    assert np.abs(by_step.matrix[:, 0] - expected).max() > 0.05 * size
+    (candidate,), _ = screen(problem, evaluate(problem, (), {}), (load,))
+    np.testing.assert_allclose(candidate.signature[:, 0] / 1e-3, expected, atol=1e-3 * size)
+
+
 def bent_by(moments, *times):
     """A rod without tendons with moments at its tip, and readings there."""
     rod, rows = Robot(ROBOT.backbone, ROBOT.disks, ()), zip_longest(moments, times)

@@ -173,6 +173,9 @@ class InputDerivatives:
         for number, parameter in enumerate(chosen):
             if isinstance(parameter, StepInputs):
                 found.tendons[:, :, number] = parameter.change
+                for k, names in enumerate(loads):
+                    for name, change in parameter.loads.items():
+                        found.loads[k, names.index(name), :, number] = change[k]
             if not isinstance(parameter, StepInput):
                 continue
             for k, names in enumerate(loads):

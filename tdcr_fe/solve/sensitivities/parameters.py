@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from difflib import get_close_matches
 from typing import Any
 
@@ -124,10 +124,16 @@ class StepInput:
 
 @dataclass(frozen=True, eq=False)
 class StepInputs:
-    """A number on which the inputs of all load steps depend."""
+    """A number on which the inputs, or concentrated loads, of all load steps depend.
+
+    Derivatives are those at the ends of the steps.
+    """
 
     name: str
-    change: Array  # Derivatives of tensions [N] and lengths wound [m] at the ends of all steps, shape (K, m)
+    change: Array  # Of tensions [N] and lengths wound [m], shape (K, m)
+    loads: Mapping[str, Array] = field(
+        default_factory=dict
+    )  # Of loads by name, forces and moments, shape (K, 6)
 
 
 Parameter = ModelParameter | StepInput | StepInputs
