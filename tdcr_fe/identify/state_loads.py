@@ -9,7 +9,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations_with_replacement, product
 from typing import TYPE_CHECKING, NamedTuple
@@ -37,6 +37,9 @@ TYPICAL, FARTHEST = 0.02, 2000.0
 #: only: each pair is six columns.
 MOST_PAIRS = 1200
 
+
+#: Values of a factor between which any function of it is linear.
+KNOTS = 6
 
 #: Angle over the whole length below which the direction of the curvature fades [rad].
 STRAIGHT = 0.1
@@ -296,6 +299,18 @@ def tensions_of(names: Sequence[str]) -> Iterator[Factor]:
         yield Factor(f"the tension of tendon {n}", f"T_{n}", "N", value, "tension", choices)
 
 
+def hats(factor: Factor, state: BayState) -> list[tuple[float, Factor]]:
+    """The piecewise linear functions of a factor that are one at one of its values and zero at the others."""
+    given = factor.value(state)
+    at = np.unique(np.quantile(given[np.isfinite(given)], np.linspace(0.0, 1.0, KNOTS)))
+
+    def hat(state: BayState, shape: Array) -> Array:
+        return np.interp(factor.value(state), at, shape)
+
+    pairs = zip(at.tolist(), np.eye(len(at)), strict=True)
+    return [(x, replace(factor, unit="", value=partial(hat, shape=shape))) for x, shape in pairs]
+
+
 def where(term: Term, edges: Array) -> str:
     """Where a term acts."""
     if term.bays is None:
@@ -392,17 +407,30 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> Iterator
         text = f"{along}, proportional to {size_of} of the displacement"
         price = math.log(10.0) + PER_FACTOR * power + math.log(bays)
         yield from load(f"{symbol} ({_bays(bay, bay)})", kind, own, text, price)
-    axes = {"xx": "x", "yy": "y", "xy": "xy"}
+    for bay in range(bays if clock is TIME else 0):
+        at = end_of_bay(state.edges, bay)
+        own = [("coefficient", "N s m^-1", partial(_against_motion, bay=bay))]
+        kind, price = Kind("force", ("position", "time"), at), math.log(10.0) + math.log(state.choices(bay))
+        yield from load(f"viscous drag ({at})", kind, own, "a force against the velocity", price)
+    for factor, direction in product((CURVATURE, POSITION, TENSION, clock), _DIRECTIONS):
+        term = Term((factor,), direction)
+        own = [(f"{n}_at_{x:.3g}", unit, act) for x, f in hats(factor, state) for n, unit, act in replace(term, factors=(f,)).actions]
+        text = f"a bending moment {direction.name}, whose size is a function of {factor.name}"
+        price = math.log(10.0) + PER_FACTOR
+        if progress or factor is not ROW:
+            yield from load(f"f({factor.symbol}) {direction.symbol}", Kind(*term.kind, "everywhere"), own, text, price)
+    axes = {"xx": "x", "yy": "y", "xy": "xy", "xz": "xz", "yz": "yz"}
     tensor = [(n, "N m^2", partial(_by_curvature, axes=a)) for n, a in axes.items()]
     signed = product(enumerate("xy"), (("plus", 1.0), ("minus", -1.0)))
     sides = [(f"{a}_{n}", "N m^2", partial(_by_side, axis=i, sign=x)) for (i, a), (n, x) in signed]
     kind = Kind("stiffness", ("direction of bending",), "everywhere")
     text = "a bending stiffness that differs between"
-    for name, own, differs in (
-        ("bending stiffness of another section", tensor, "the directions"),
-        ("bending stiffness by side", sides, "bending to one side and to the other"),
+    for name, own, what in (
+        ("bending stiffness of another section", tensor[:3], f"{text} the directions"),
+        ("bending stiffness by side", sides, f"{text} bending to one side and to the other"),
+        ("bending coupled with twist", tensor[3:], "a stiffness by which bending twists the backbone"),
     ):
-        yield from load(name, kind, own, f"{text} {differs}", math.log(10.0))
+        yield from load(name, kind, own, what, math.log(10.0))
     for (i, name), first in product(enumerate(names), range(1, bays)):
         at = f"tendon {name}, from s = {state.edges[first]:.4g} m on"
         own = [("share", "1", partial(_lost, tendon=i, first=first))]
@@ -621,12 +649,11 @@ def _lost(state: BayState, tendon: int, first: int) -> Array:
 def _by_curvature(state: BayState, axes: str) -> Array:
     """A moment in all bays about one axis against the curvature about it; of two axes, about each against the other's.
 
-    That of an added bending stiffness of one.
+    That of an added stiffness of one.
     """
     found = np.zeros((*state.shape, COMPONENTS))
-    for axis in axes:
-        to = "xy".index(axis)
-        found[..., to] = -state.curvature[..., to if len(axes) == 1 else 1 - to]
+    for axis, other in zip(axes, reversed(axes), strict=True):
+        found[..., "xyz".index(axis)] = -state.curvature[..., "xyz".index(other)]
     return found
 
 
@@ -641,6 +668,16 @@ def _displaced(state: BayState, bay: int, power: int) -> Array:
     """A force on the end of a bay along its displacement across the axis, times a power of that."""
     found, across = np.zeros((*state.shape, COMPONENTS)), state.moved[:, bay] * np.array([1.0, 1.0, 0.0])
     found[:, bay, FORCE] = across * np.linalg.norm(across, axis=1, keepdims=True) ** power
+    return found
+
+
+def _against_motion(state: BayState, bay: int) -> Array:
+    """A force on the end of a bay against its mean velocity since the row before."""
+    found = np.zeros((*state.shape, COMPONENTS))
+    passed = np.diff(state.time, prepend=0.0)[:, None]
+    moved = np.diff(state.moved[:, bay], axis=0, prepend=0.0)
+    moves = (passed > 0.0) & ~state.begins[:, None]
+    found[:, bay, FORCE] = -np.divide(moved, passed, out=np.zeros(moved.shape), where=moves)
     return found
 
 
