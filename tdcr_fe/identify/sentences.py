@@ -50,7 +50,8 @@ def sentences(result: IdentificationResult) -> list[str]:
 
 
 def _joined(names: Sequence[str]) -> str:
-    return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
+    comma = "; " if any("," in name for name in names) else ", "
+    return " and ".join(filter(None, (comma.join(names[:-1]), *names[-1:])))
 
 
 def _names(result: IdentificationResult) -> list[str]:
