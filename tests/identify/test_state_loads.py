@@ -118,8 +118,7 @@ def test_the_response_to_an_action_is_exact():
     np.testing.assert_allclose(change, predicted, atol=2e-4 * np.abs(predicted).max())
     bays = run.acted.response.state[3] @ step[3].ravel()
     a, b = (r.bays for r in ends)
-    parts = (a.curvature[3] - b.curvature[3], a.moved[3] - b.moved[3])
-    moved = np.concatenate(parts, axis=1) / 2.0
+    moved = np.concatenate((a.curvature[3] - b.curvature[3], a.moved[3] - b.moved[3]), axis=1) / 2.0
     np.testing.assert_allclose(moved.ravel(), bays, atol=2e-3 * np.abs(bays).max())
 
 
