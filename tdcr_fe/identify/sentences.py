@@ -67,7 +67,7 @@ def _kinds(result: IdentificationResult) -> list[str]:
     for e in result.effects:
         depends = " and ".join(e.kind.depends_on)
         on = "" if depends == "nothing" else f", depending on {depends}"
-        stated = f", probability {significant(e.kind_probability, 2)}" if explained else ""
+        stated = f", probability {significant(min(e.kind_probability, 0.99), 2)}" if explained else ""
         found.append(f"{e.kind.perturbs} ({e.kind.where}{on}){stated}")
     return list(dict.fromkeys(found))
 
