@@ -60,8 +60,7 @@ def state_of(problem):
 
 def begun(data):
     """The state with which the search of `identify` begins: held-out steps chosen, mesh and path fine enough."""
-    prepared = prepare(data, IdentifySettings(), ForwardModel())
-    return declared_state(prepared)
+    return declared_state(prepare(data, IdentifySettings(), ForwardModel()))
 
 
 def searching(deadline=np.inf, **settings):

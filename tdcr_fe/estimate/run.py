@@ -145,9 +145,9 @@ def _read_priors(path: Path) -> tuple[LoadPrior, InputPrior]:
 
 #: Keys of the priors, by those of the load steps in which they are judged.
 _JUDGED = {
-    r"steps\[0\]\.loads\.expected\.force": "load.sigma",
-    r"steps\[0\]\.loads\.expected\.moment": "load.sigma_moment",
-    r"steps\[0\]\.(?!loads)[.\w]+": "inputs.sigma",
+    r"steps\[0\]\.loads\.expected\.force": "estimate.toml: load.sigma",
+    r"steps\[0\]\.loads\.expected\.moment": "estimate.toml: load.sigma_moment",
+    r"steps\[0\]\.(?!loads)[.\w]+": "estimate.toml: inputs.sigma",
 }
 
 
@@ -161,7 +161,7 @@ def _implausible_priors(estimation: Estimation) -> list[str]:
     for step in (LoadStep(loads={"expected": load}), LoadStep(**drives)):
         texts = plausibility(data.robot, data.model, [step]).warnings  # also of the robot
         for key, own in _JUDGED.items():
-            found += [re.sub(key, f"estimate.toml: {own}", text) for text in texts if re.match(key, text)]
+            found += [own + re.sub(rf"^{key}| \(also .*", "", x) for x in texts if re.match(key, x)]
     return found
 
 

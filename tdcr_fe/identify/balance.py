@@ -18,6 +18,9 @@ from tdcr_fe.identify.problem import FitProblem, Point
 from tdcr_fe.identify.run import Run
 from tdcr_fe.model.robot import Robot
 
+#: Loads agree with the state where less is missing: moments over EI/L, forces over EI/L^2 [1].
+AGREED = 1e-8
+
 
 class Agreement(NamedTuple):
     """Loads and state near a run."""
@@ -35,18 +38,23 @@ def scale(robot: Robot) -> Array:
 
 
 def agreed(loads: Sequence[StateLoad], values: Point, run: Run, robot: Robot) -> Agreement:
-    """Loads and state near a run that carries an action, by Newton's method, while what is missing falls by half."""
+    """Loads and state near a run that carries an action, by Newton's method.
+
+    What depends on the rows before is right for one row more with each iteration: there are as many as rows.
+    """
     assert run.bays is not None and run.acted is not None
     response, start = run.acted.response, run.acted.action.in_frames(run.bays.rotation)
     shape, size = start.values.shape, scale(robot)
-    change, sizes = np.zeros((shape[0], shape[1] * COMPONENTS, 1)), list[float]()
+    change, missing, best = np.zeros((shape[0], shape[1] * COMPONENTS, 1)), list[float](), None
     while True:
         state = run.bays.corrected((response.state @ change).reshape(shape))
         action = start.values + change.reshape(shape)
         gap = sum((e.action(state, values[e.name]) for e in loads), -action)
-        sizes.append(float(np.max(np.abs(gap) / size)))
-        if len(sizes) > 2 and not sizes[-1] < 0.5 * sizes[-2]:
-            return Agreement(Action(action, start.rotation), change, state, sizes[0])
+        missing.append(float(np.max(np.abs(gap) / size)))
+        if best is None or missing[-1] <= min(missing):
+            best = Agreement(Action(action, start.rotation), change, state, missing[0])
+        if missing[-1] < AGREED or len(missing) > len(start.values):
+            return best
         matrix = coupling(loads, values, state, response)
         change = change + np.linalg.solve(matrix, gap.reshape(change.shape))
 

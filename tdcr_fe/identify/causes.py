@@ -166,15 +166,18 @@ class StateLoad(BesideDescription):
         return (more - self.action(state, values)) / h
 
     def slope(self, state: BayState, values: Values) -> Array:
-        """Derivative of the action by curvatures and displacements of the same bay, shape (K, n_bays, 6, 6)."""
+        """Derivative of the action by curvatures and displacements of the same bay and row, shape (K, n_bays, 6, 6).
+
+        Every other row changes at a time: what follows the change since the row before does not see one of both.
+        """
         here, length = self.action(state, values), float(state.edges[-1])
-        columns = []
-        for c in range(COMPONENTS):
+        found = np.zeros((*here.shape, COMPONENTS))
+        for c, first in itertools.product(range(COMPONENTS), (0, 1)):
             h = 1e-6 / length if c < MOMENT.stop else 1e-6 * length
             change = np.zeros(here.shape)
-            change[..., c] = h
-            columns.append((self.action(state.corrected(change), values) - here) / h)
-        return np.stack(columns, axis=-1)
+            change[first::2, :, c] = h
+            found[first::2, ..., c] = (self.action(state.corrected(change), values) - here)[first::2] / h
+        return found
 
 
 class SettlingLoad(StateLoad):

@@ -87,7 +87,7 @@ def corrected_files(result: IdentificationResult) -> dict[str, str]:
     remarks += [f"{_MEASUREMENT_ONLY}{n} = {value_to_toml(result.effects_table[n])}" for n in skipped]
     if result.law is not None:
         remarks += [
-            f"# causes without a name: {result.law.formula}",
+            f"# unlisted causes: {result.law.formula}",
             "# on the loading below it gives the loads named law 1, law 2, ...; on another loading it gives others",
         ]
     steps, solver = list(_labelled(result, base)), result.simulated.solver

@@ -94,7 +94,7 @@ def _profiles(robot: Robot) -> Iterator[_Profile]:
         (there,) = numbers.values()
         return np.where((s > a - ARC_TOLERANCE) & (s < b + ARC_TOLERANCE), there, null)
 
-    yield _Profile("along s", "everywhere", ("base", "tip"), linear, 0.0)
+    yield _Profile("along the backbone", "everywhere", ("base", "tip"), linear, 0.0)
     parts = [(edges[i], edges[j + 1]) for i, j in ranges(len(edges) - 1) if j > i]
     for a, b in parts:
         where = f"s = {a:.4g} to {b:.4g} m"
@@ -354,7 +354,7 @@ def _routings(problem: FitProblem) -> Iterator[Cause]:
             return experiment.with_robot(tendons=tuple(tendons))
 
         text = f"the holes of tendon {name} are elsewhere, at another angle or distance"
-        for suffix, depends, own in (("", "nothing", numbers), (" along s", "place", along)):
+        for suffix, depends, own in (("", "nothing", numbers), (" along the backbone", "place", along)):
             kind = Kind("routing", (depends,), f"tendon {name}")
             yield ChangedDescription(f"routing of {name}{suffix}", kind, own, moved, text)
     robot = problem.experiment.robot
@@ -494,7 +494,7 @@ def _camera(length: float) -> Iterator[ReadingCause]:
         shapes = across, partial(_distorted, axis=axis)
         yield ReadingCause(f"lens distortion along {a}", kind, (scale, radial), shapes, text)
     for (into, a), (of, b) in itertools.product(enumerate("xyz"), repeat=2):
-        name, text = f"scale of {a}", f"positions along {a} are read too large or too small by a factor"
+        name, text = f"scale of positions along {a}", f"positions along {a} are off by a factor"
         if a != b:
             name, text = f"share of position {b} in {a}", f"the axes {a} and {b} are not at right angles"
         shape, price = partial(_shared, into=into, of=of), math.log(9.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -305,4 +306,4 @@ def parameters(result: IdentificationResult) -> Figure | None:
 def _axis(name: str, estimates: Mapping[str, Estimate]) -> tuple[float, str]:
     """Factor with which a parameter is drawn, and its label with the unit."""
     factor, symbol = shown_unit(estimates[name].unit, 0.0)
-    return factor, words(name) + (f" [{symbol}]" if symbol else "")
+    return factor, textwrap.fill(words(name) + (f" [{symbol}]" if symbol else ""), 40)

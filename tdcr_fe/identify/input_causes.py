@@ -137,7 +137,7 @@ class _Inputs(NamedTuple):
 
         direction, another = "direction of loading", "the gain of the inputs is another one while they"
         laws: list[tuple[str, str, _InputLaw, str]] = [
-            ("offset of the input", "nothing", lambda *_: 1.0, "the inputs are off by a constant"),
+            ("offset", "nothing", lambda *_: 1.0, "the inputs are off by a constant"),
             ("gain that grows", "tension", lambda u, *_: u * np.abs(u) / most, grows),
             ("gain by the largest so far", "tension", largest, missing),
             ("gain while rising", direction, lambda u, *_: u * (last_direction(u) > 0.0), f"{another} rise"),
@@ -162,7 +162,7 @@ class _Inputs(NamedTuple):
                 price = math.log(len(laws) * (len(each) if single else 1))
                 price += PER_FACTOR * (depends != "nothing")
                 numbers = *own, *last
-                yield ChangedInputs(f"{name} ({who})", kind, numbers, shape, text, price, held)
+                yield ChangedInputs(f"input {name} ({who})", kind, numbers, shape, text, price, held)
 
     def waves(self) -> Iterator[Cause]:
         """Displacements off by a wave of themselves, as from a spool that runs out of true."""
@@ -216,7 +216,7 @@ class _Inputs(NamedTuple):
             share = number(name, "1", (-0.9, 0.9), 0.0, 0.01)
             kind, price = Kind("input", ("tension",), f"tendon {name}"), math.log(len(couples))
             text = f"a share of the input of tendon {source} acts in tendon {name}"
-            yield ChangedInputs(f"share of {source} in {name}", kind, (share,), other, text, price)
+            yield ChangedInputs(f"crosstalk from {source} to {name}", kind, (share,), other, text, price)
 
     def lags(self, data: MeasuredData) -> Iterator[Cause]:
         """What acts stays behind its command, by a share of the way from what acted in the row before.

@@ -134,7 +134,7 @@ def structure(data: MeasuredData, r: Array, parameters: int = 0) -> tuple[Struct
     if long:
         products = np.concatenate([c[own][1:] * c[own][:-1] for own in long])
         signs = "equal signs in neighbouring steps"
-        for group, x in (("lag-1 autocorrelation over the steps", products), (signs, np.sign(products))):
+        for group, x in (("neighbouring steps (correlation)", products), (signs, np.sign(products))):
             z = float(np.sum(x) / math.sqrt(x.size))
             tests.append(Structure(group, z, float(ndtr(-z))))
     for own in long:

@@ -50,7 +50,8 @@ def sentences(result: IdentificationResult) -> list[str]:
 
 
 def _joined(names: Sequence[str]) -> str:
-    return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
+    comma = "; " if any("," in name for name in names) else ", "
+    return " and ".join(filter(None, (comma.join(names[:-1]), *names[-1:])))
 
 
 def _names(result: IdentificationResult) -> list[str]:
@@ -66,7 +67,7 @@ def _kinds(result: IdentificationResult) -> list[str]:
     for e in result.effects:
         depends = " and ".join(e.kind.depends_on)
         on = "" if depends == "nothing" else f", depending on {depends}"
-        stated = f", probability {significant(e.kind_probability, 2)}" if explained else ""
+        stated = f", probability {significant(min(e.kind_probability, 0.99), 2)}" if explained else ""
         found.append(f"{e.kind.perturbs} ({e.kind.where}{on}){stated}")
     return list(dict.fromkeys(found))
 

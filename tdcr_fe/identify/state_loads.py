@@ -49,8 +49,7 @@ STRAIGHT = 0.1
 class Factor:
     """A number that the robot knows in every bay."""
 
-    name: str  # in sentences
-    symbol: str  # in formulas
+    name: str
     unit: str  # such as "N m^-1"
     value: Callable[[BayState], Array]  # from a `BayState` to shape (K, n_bays)
     kind: str  # what a cause with this factor depends on
@@ -67,10 +66,11 @@ class Factor:
 
 @dataclass(frozen=True, eq=False)
 class Direction:
-    """What a moment or force points along."""
+    """What a moment points along."""
 
+    law: str  # what a moment along it changes
     name: str
-    symbol: str
+    size: str  # what it is in proportion to besides its factors; empty where to nothing
     unit: str
     # by name of a coefficient, from a `BayState` to the action of a coefficient of one, shape (K, n_bays, 6)
     values: Mapping[str, Callable[[BayState], Array]]
@@ -132,34 +132,37 @@ def _unit_curvature(b: BayState) -> Array:
     return np.asarray(_bending(b) / size[..., None])
 
 
-CONSTANT = Factor("", "", "", lambda b: np.ones(b.shape), "")
-CURVATURE = Factor("the curvature", "|kappa|", "m^-1", lambda b: _size(_bending(b)), "curvature")
-POSITION = Factor("the position along the backbone", "s", "m", lambda b: _in_all(b, b.middles), "place")
-TENSION = Factor("the sum of the tensions", "T", "N", lambda b: b.tension.sum(axis=-1), "tension")
-TIME = Factor("time", "t", "s", lambda b: _in_all(b, b.time[:, None]), "time")
-ROW = Factor("the number of the row", "row", "", _row, "row")
-LOADING = Factor("the direction of the last command", "sign", "", _last_command, "direction of loading")
-TURNING = Factor("the turning angle at the disks below", "theta", "", _turned, "turning angle")
-DISTANCE = Factor("the displacement", "d", "m", lambda b: _size(b.moved), "position")
+CONSTANT = Factor("", "", lambda b: np.ones(b.shape), "")
+CURVATURE = Factor("the curvature", "m^-1", lambda b: _size(_bending(b)), "curvature")
+POSITION = Factor("the position along the backbone", "m", lambda b: _in_all(b, b.middles), "place")
+TENSION = Factor("the sum of the tensions", "N", lambda b: b.tension.sum(axis=-1), "tension")
+TIME = Factor("time", "s", lambda b: _in_all(b, b.time[:, None]), "time")
+ROW = Factor("the number of the row", "", _row, "row")
+LOADING = Factor("the direction of the last command", "", _last_command, "direction of loading")
+TURNING = Factor("the turning angle at the disks below", "", _turned, "turning angle")
+DISTANCE = Factor("the displacement", "m", lambda b: _size(b.moved), "position")
 
-BENDING = Direction("along the curvature", "kappa", "m^-1", {"coefficient": lambda b: _moment(_bending(b))})
+_CURVATURES = {"coefficient": lambda b: _moment(_bending(b))}
+BENDING = Direction("bending stiffness", "along the curvature", "the curvature", "m^-1", _CURVATURES)
 UNIT_BENDING = Direction(
-    "of one size along the curvature", "kappa/|kappa|", "",
+    "bending moment of one size along the curvature", "of one size along the curvature", "", "",
     {"coefficient": lambda b: _moment(_unit_curvature(b))}, "stiffness", "curvature",
 )  # fmt: skip
 _AXES = {axis: partial(_constant, axis=i) for i, axis in enumerate("xy")}
-SECTION = Direction("about an axis of the section", "e", "", _AXES, "precurvature")
-_TENSIONS = {"coefficient": lambda b: _tendon(b, b.tension)}
-TENDONS = Direction("along the moment of the tendons", "m_T", "N m", _TENSIONS, "routing")
+SECTION = Direction("precurvature", "about an axis of the section", "", "", _AXES, "precurvature")
+_TENSIONS, _OF = {"coefficient": lambda b: _tendon(b, b.tension)}, "moment of the tendons"
+TENDONS = Direction(_OF, f"along the {_OF}", f"the {_OF}", "N m", _TENSIONS, "routing")
 TENDON_SIGN = Direction(
-    "along the moment of each tendon, by the sign of its last motion", "sum(sign_i m_Ti)", "N m",
+    "moment of each tendon by the sign of its last motion",
+    "along the moment of each tendon, by the sign of its last motion", "the moment of each tendon", "N m",
     {"coefficient": lambda b: _tendon(b, b.tension * b.direction[:, None, :])},
     "transmission", "direction of loading",
 )  # fmt: skip
 
 BY_SLIP = Direction(
+    "friction of one size towards the base and another back",
     "along the moment of each tendon, of one size after motion towards the base and of another after motion back",
-    "m_T by slip", "N m",
+    "", "N m",
     {"towards": partial(_slipping, compare=np.greater), "back": partial(_slipping, compare=np.less)},
     "transmission", "direction of loading",
 )  # fmt: skip
@@ -191,17 +194,14 @@ class Term:
 
     @property
     def key(self) -> str:
-        """Its factors, direction and bays as a text."""
-        return self.product if self.bays is None else f"{self.product} ({_bays(*self.bays)})"
+        """What it changes, and where, in a few words."""
+        return self.changes if self.bays is None else f"{self.changes} ({_bays(*self.bays)})"
 
     @property
-    def product(self) -> str:
-        """Factors and direction as a formula."""
-        symbols: list[str] = []
-        for name in dict.fromkeys(f.symbol for f in self.factors):
-            power = sum(f.symbol == name for f in self.factors)
-            symbols.append(name if power == 1 else f"{name}^{power}")
-        return " ".join([*symbols, self.direction.symbol])
+    def changes(self) -> str:
+        """What it changes."""
+        of = _product(f.name for f in self.factors)
+        return f"{self.direction.law} that changes with {of}" if of else self.direction.law
 
     @property
     def unit(self) -> str:
@@ -280,10 +280,10 @@ def parts_of_rows(clock: Factor, starts: Mapping[int, float]) -> list[Factor]:
 
     found = []
     for (n, x), after in product(starts.items(), (True, False)):
-        symbol, when = (f"row >= {n}", f"from row {n} on") if after else (f"row < {n}", f"before row {n}")
+        when = f"from row {n} on" if after else f"before row {n}"
         value = partial(part, start=x, after=after)
         name, choices = f"a step in row {n}", 2 * len(starts)
-        found.append(Factor(name, f"step({symbol})", "", value, "row", choices, when))
+        found.append(Factor(name, "", value, "row", choices, when))
     return found
 
 
@@ -296,19 +296,7 @@ def tensions_of(names: Sequence[str]) -> Iterator[Factor]:
     choices = len(names)
     for i, n in enumerate(names if choices > 1 else ()):
         value = partial(tension, number=i)
-        yield Factor(f"the tension of tendon {n}", f"T_{n}", "N", value, "tension", choices)
-
-
-def hats(factor: Factor, state: BayState) -> list[tuple[float, Factor]]:
-    """The piecewise linear functions of a factor that are one at one of its values and zero at the others."""
-    given = factor.value(state)
-    at = np.unique(np.quantile(given[np.isfinite(given)], np.linspace(0.0, 1.0, KNOTS)))
-
-    def hat(state: BayState, shape: Array) -> Array:
-        return np.interp(factor.value(state), at, shape)
-
-    pairs = zip(at.tolist(), np.eye(len(at)), strict=True)
-    return [(x, replace(factor, unit="", value=partial(hat, shape=shape))) for x, shape in pairs]
+        yield Factor(f"the tension of tendon {n}", "N", value, "tension", choices)
 
 
 def where(term: Term, edges: Array) -> str:
@@ -319,23 +307,16 @@ def where(term: Term, edges: Array) -> str:
     return f"{_bays(first, last)} (s = {edges[first]:.4g} to {edges[last + 1]:.4g} m)"
 
 
-#: What the size of a direction is, in words.
-_SIZES = {
-    "kappa": CURVATURE.name,
-    "m_T": "the moment of the tendons",
-    "sum(sign_i m_Ti)": "the moment of each tendon",
-}
-
-
-def sentence(term: Term) -> str:
-    """What a term says, in words."""
-    names = [f.name for f in term.factors]
-    own = _SIZES.get(term.direction.symbol)
-    names += [own] if own else []
+def _product(names: Iterable[str]) -> str:
+    """A product in words."""
     powers = ("", "the square of ", "the third power of ")
-    parts = [f"{powers[names.count(name) - 1]}{name}" for name in dict.fromkeys(names)]
-    size = " times ".join(parts) or "a constant"
-    return f"a bending moment {term.direction.name}, proportional to {size}"
+    return " times ".join(f"{powers[n - 1]}{name}" for name, n in Counter(names).items())
+
+
+def definition(term: Term) -> str:
+    """What a coefficient of a term multiplies, in words."""
+    names = filter(None, (*(f.name for f in term.factors), term.direction.size))
+    return f"a bending moment {term.direction.name}, proportional to {_product(names) or 'a constant'}"
 
 
 # ------------------------------------------------------------------------------------------------------- loads
@@ -355,7 +336,9 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> Iterator
     settling = settling_span(clock.unit or "1", float(np.ptp(clock.value(state))))
     bays = state.shape[1]
 
-    def load(name: str, kind: Kind, terms: _Coefficients, text: str, price: float) -> Iterator[StateLoad]:
+    def load(
+        name: str, kind: Kind, terms: _Coefficients, text: str, price: float, meaning: str = ""
+    ) -> Iterator[StateLoad]:
         """The cause, or none where a term does not act."""
         numbers = []
         for label, unit, term in terms:
@@ -363,7 +346,8 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> Iterator
             if most <= 0.0:
                 return
             step = TYPICAL / most
-            numbers.append(Parameter(label, unit, -FARTHEST * step, FARTHEST * step, 0.0, step, label))
+            span = -FARTHEST * step, FARTHEST * step
+            numbers.append(Parameter(label, unit, *span, 0.0, step, meaning or label))
         yield StateLoad(name, kind, tuple(numbers), tuple(t for *_, t in terms), text, price)
 
     # Of several folders times begin anew, and what changes does so between them.
@@ -381,10 +365,10 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> Iterator
         choices = (1 if term.bays is None else parts_of_backbone) * math.prod(f.choices for f in term.factors)
         price = math.log(10.0) + PER_FACTOR * len(term.factors) + math.log(choices)
         kind = Kind(perturbs, depends, where(term, state.edges))
-        yield from load(term.key, kind, term.actions, sentence(term), price)
+        yield from load(term.key, kind, term.actions, term.changes, price, definition(term))
         if progress and term.factors == (clock,) and term.bays is None and ((), term.direction) in _LISTED:
             last = Term((), term.direction)
-            lasting = load(last.key, kind, last.actions, sentence(last), price)
+            lasting = load(last.key, kind, last.actions, last.changes, price, definition(last))
             yield from (SettlingLoad(x, lambda b: clock.value(b)[:, :1], *settling) for x in lasting)
     names = problem.experiment.robot.tendon_names
     tensions = tensions_of(names)
@@ -399,26 +383,23 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> Iterator
             kind, what = Kind(free.perturbs, free.depends_on, at), f"{free.perturbs} {free.text}"
             when = f", {free.factor.when}" if free.factor.when else ""
             yield from load(f"{what} ({at}{when})", kind, terms, f"a {what}{when}", price)
-    powers = (1, "|u| u", "the square"), (2, "|u|^2 u", "the third power")
-    for bay, (power, symbol, size_of) in product(range(bays), powers):
-        kind = Kind("force", ("position",), f"disk at s = {state.edges[bay + 1]:.4g} m")
+    powers = (1, _product(2 * [DISTANCE.name])), (2, _product(3 * [DISTANCE.name]))
+    for bay, (power, of) in product(range(bays), powers):
+        kind = Kind("force", ("position",), end_of_bay(state.edges, bay))
         own = [("coefficient", _unit("N", ["m"] * (power + 1)), partial(_displaced, bay=bay, power=power))]
-        along = "a force along the displacement across the axis"
-        text = f"{along}, proportional to {size_of} of the displacement"
+        text = f"a force along the displacement across the axis, proportional to {of}"
         price = math.log(10.0) + PER_FACTOR * power + math.log(bays)
-        yield from load(f"{symbol} ({_bays(bay, bay)})", kind, own, text, price)
+        yield from load(f"force by {of} ({kind.where})", kind, own, text, price)
     for bay in range(bays if clock is TIME else 0):
         at = end_of_bay(state.edges, bay)
         own = [("coefficient", "N s m^-1", partial(_against_motion, bay=bay))]
         kind, price = Kind("force", ("position", "time"), at), math.log(10.0) + math.log(state.choices(bay))
         yield from load(f"viscous drag ({at})", kind, own, "a force against the velocity", price)
     for factor, direction in product((CURVATURE, POSITION, TENSION, clock), _DIRECTIONS):
-        term = Term((factor,), direction)
-        own = [(f"{n}_at_{x:.3g}", unit, act) for x, f in hats(factor, state) for n, unit, act in replace(term, factors=(f,)).actions]
-        text = f"a bending moment {direction.name}, whose size is a function of {factor.name}"
-        price = math.log(10.0) + PER_FACTOR
         if progress or factor is not ROW:
-            yield from load(f"f({factor.symbol}) {direction.symbol}", Kind(*term.kind, "everywhere"), own, text, price)
+            term = Term((factor,), direction)
+            name, price = f"{direction.law} as a function of {factor.name}", math.log(10.0) + PER_FACTOR
+            yield from load(name, Kind(*term.kind, "everywhere"), _free(term, state), name, price)
     axes = {"xx": "x", "yy": "y", "xy": "xy", "xz": "xz", "yz": "yz"}
     tensor = [(n, "N m^2", partial(_by_curvature, axes=a)) for n, a in axes.items()]
     signed = product(enumerate("xy"), (("plus", 1.0), ("minus", -1.0)))
@@ -452,6 +433,22 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> Iterator
         falls = (2, 1, 3) if bay == bays - 1 else (2,)
         yield from (Attraction(bay, state, power, strength) for power in falls)
         yield Cord(bay, state, strength / length)
+
+
+def _free(term: Term, state: BayState) -> list[tuple[str, str, Callable[[BayState], Array]]]:
+    """The coefficients of a term of one factor as any function of it, linear between some of its values."""
+    (factor,) = term.factors
+    given = factor.value(state)
+    at = np.unique(np.quantile(given[np.isfinite(given)], np.linspace(0.0, 1.0, KNOTS)))
+
+    def share(state: BayState, shape: Array) -> Array:
+        return np.interp(factor.value(state), at, shape)
+
+    found = []
+    for x, shape in zip(at.tolist(), np.eye(len(at)), strict=True):
+        own = replace(term, factors=(replace(factor, unit="", value=partial(share, shape=shape)),))
+        found += [(f"{n}_at_{x:.3g}", unit, act) for n, unit, act in own.actions]
+    return found
 
 
 #: From the state to a direction for every axis, shape (K, 3).
@@ -505,7 +502,7 @@ def free_loads(
     def by_lever(state: BayState, axis: int) -> Array:
         return np.cross(state.tip[:, :, axis], forces)
 
-    force = Factor("the force on it", "F", "N", CONSTANT.value, "")
+    force = Factor("the force on it", "N", CONSTANT.value, "")
     many = len(parts) * bays > MOST_PAIRS
     anywhere = (CONSTANT, clock, TENSION, DISTANCE, *tensions, *parts)
     for perturbs, text, by, direction, factors in (

@@ -147,7 +147,7 @@ def _remaining(explained: bool, tests: Sequence[Structure]) -> Remainder:
     if not groups:
         return Remainder(ALL_READINGS, "more than noise is left, in no group of readings more than in others")
     listed = ", ".join(groups[:3])
-    return Remainder(groups[0], f"the residual is largest in these groups of readings: {listed}")
+    return Remainder(groups[0], f"the residual is least like noise in: {listed}")
 
 
 def _by_set(problem: FitProblem, declared: Fit, best: Fit) -> Iterator[SetErrors]:

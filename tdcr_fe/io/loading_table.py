@@ -94,7 +94,7 @@ def _rows(
         if step in steps:
             wrong["step"] = "the step appears more than once; the order of the rows is the order of loading"
         if time < last:
-            wrong["time"] = f"must not be before the step before, at {last:g} s"
+            wrong["time"] = f"must not be earlier than in the row before, {last:g} s"
         for column, said in (wrong or check(row)).items():
             reporter(f"line {line}, {column}", texts[column] or "empty", said)
         rows.append(row)

@@ -154,8 +154,7 @@ def read_measured(folder: StrPath) -> MeasuredData:
     reporter, inputs, sigmas = Reporter(str(of_model)), declared["inputs"], tuple[float, ...]()
     try:
         if inputs:
-            given = by_tendon("inputs.sigma", inputs.sigma, robot.tendon_names)
-            sigmas = tuple((given * scales).tolist())
+            sigmas = tuple((by_tendon("inputs.sigma", inputs.sigma, robot.tendon_names) * scales).tolist())
     except FieldError as error:
         reporter(error.field, error.value, error.allowed)
     read = tuple(readings), tuple(bad), digests

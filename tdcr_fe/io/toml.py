@@ -202,12 +202,14 @@ def read_toml(path: StrPath, named: Problem | None = None) -> tuple[dict[str, An
     try:
         data = tomllib.loads(raw.decode("utf-8-sig"))
     except UnicodeDecodeError as error:
-        line = raw.count(b"\n", 0, error.start) + 1
-        key, value = f"line {line}", f"byte 0x{raw[error.start]:02x}"
-        reason = "not UTF-8; save the file as UTF-8"
+        line, byte = raw.count(b"\n", 0, error.start) + 1, raw[error.start]
+        key, value, reason = f"line {line}", f"byte 0x{byte:02x}", "not UTF-8; save the file as UTF-8"
     except tomllib.TOMLDecodeError as error:
         reason, _, where = str(error).partition(" (at ")
         hint = "; write a decimal point" if re.search(rb"=\s*[+-]?\d+,\d", raw) else ""
+        twice = r"[\1] is there twice; lists of tables are written [[\1]]"
+        reason = re.sub(r"Cannot declare \('(\w+)',\) twice", twice, reason)
+        reason = reason.replace("Cannot overwrite a value", "the key is there already")
         key, value, reason = where.rstrip(")"), "", f"not TOML: {reason}{hint}"
     except (ValueError, RecursionError) as error:
         key, value, reason = "", "", f"not TOML that can be read: {str(error).partition(';')[0]}"

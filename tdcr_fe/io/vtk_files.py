@@ -61,8 +61,7 @@ def vtk_text(motion: Motion, step: int, codes: Sequence[NDArray[np.uint8]]) -> s
     codes
         States of the holes, see `tdcr_fe.report.viewer_data.hole_codes`.
     """
-    backbone = _Cell("Lines", motion.positions[step], "backbone")
-    verts, lines = [], [backbone]
+    verts, lines = [], [_Cell("Lines", motion.positions[step], "backbone")]
     for j, tendon in enumerate(motion.tendons):
         corners = motion.tendon_points(step, tendon)
         for i, segment in enumerate(tendon.segments):

@@ -115,11 +115,10 @@ def spring_contradictions(springs: Sequence[SideSpring], length: float) -> Itera
 
 def name_contradictions(names: Sequence[str]) -> Iterator[Contradiction]:
     """Names of tendons that are used more than once."""
-    for name in dict.fromkeys(names):
+    for name, last in {name: i for i, name in enumerate(names)}.items():
         if (count := names.count(name)) > 1:
-            last = max(i for i, n in enumerate(names) if n == name)
             text = f"the name is used {count} times; names must differ"
-            yield Contradiction(f"tendons[{last}].name", f"{name!r}", text)
+            yield Contradiction(f"tendons[{last}].name", shown(name), text)
 
 
 def tendon_contradictions(index: int, tendon: Tendon, disks: Disks, length: float) -> Iterator[Contradiction]:
@@ -297,7 +296,7 @@ def time_contradictions(times: Sequence[float | None]) -> Iterator[Contradiction
     last = 0.0
     for i, time in enumerate(times):
         if time is not None and time < last:
-            text = f"must not be before the step before, at {last:g} s"
+            text = f"must not be earlier than in the step before, {last:g} s"
             yield Contradiction(f"steps[{i}].time", shown(time), text)
         last = max(last, time or 0.0)
 

@@ -114,8 +114,9 @@ def shown(value: Any, limit: int = 60) -> str:
 
 def meant(given: Any, options: Iterable[str]) -> str:
     """A question that names the option most like what was given, or nothing."""
-    near = difflib.get_close_matches(str(given), list(options), n=1, cutoff=0.6)
-    return f"; did you mean {near[0]}?" if near else ""
+    names = {option.lower(): option for option in options}
+    near = difflib.get_close_matches(str(given).lower(), names, n=1, cutoff=0.6)
+    return f"; did you mean {names[near[0]]}?" if near else ""
 
 
 def options(node: Mapping[str, Any]) -> list[str]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from tdcr_fe.elements import Array
 from tdcr_fe.model.friction import FRICTION_COEFFICIENTS, FrictionCoefficient
-from tdcr_fe.model.messages import shown
+from tdcr_fe.model.messages import meant, shown
 from tdcr_fe.model.routing import Routing
 from tdcr_fe.model.schema import Checked, FieldError, Quantity
 
@@ -108,7 +108,7 @@ def by_tendon(
         The table names an unknown tendon, or not all that it must.
     """
     table = given if isinstance(given, Mapping) else dict.fromkeys(names, given)
-    wrong = [f"unknown tendon {name}" for name in table if name not in names]
+    wrong = [f"unknown tendon {name}{meant(name, names)}" for name in table if name not in names]
     if default is None:
         wrong += [f"tendon {name} is missing" for name in names if name not in table]
     if wrong:

@@ -88,8 +88,7 @@ def test_a_new_experiment_is_read_without_a_faulty_row(tmp_path):
 
 
 def test_a_new_sweep_is_read(tmp_path):
-    described = tdcr.read_sweep(begin(tmp_path, "sweep") / "sweep.toml")
-    assert described.count == 100
+    assert tdcr.read_sweep(begin(tmp_path, "sweep") / "sweep.toml").count == 100
 
 
 def test_nothing_is_overwritten(tmp_path, capsys):

@@ -80,8 +80,7 @@ def test_what_the_cases_warn_of_is_printed_once(tmp_path, capsys, here):
 
 
 def test_check_prints_the_cases_and_solves_nothing(tmp_path, capsys):
-    path = write_files(tmp_path)
-    assert cli.main(["sweep", str(path), "--check"]) == 0
+    assert cli.main(["sweep", str(write_files(tmp_path)), "--check"]) == 0
     printed = capsys.readouterr().out
     assert printed.startswith("small: bending stiffness")
     assert "\n6 cases, method" in printed and "steps[0].tensions.t1" in printed

@@ -83,10 +83,10 @@ WITHOUT_NAME = [
     ("tension", {"base at an angle": dict(rot_x=0.05, rot_y=-0.1), "gravity": dict(g_y=9.0)}),
     ("tension", {"gain of the loads": dict(factor=1.2), "limit of the inputs": dict(share=0.5, limit=0.55)}),
     ("tension", {"dead zone of the inputs": dict(share=0.5, limit=0.25)}),
-    ("tension", {"gain while falling (each)": dict(t1=0.1, t2=-0.05)}),
+    ("tension", {"input gain while falling (each)": dict(t1=0.1, t2=-0.05)}),
     ("displacement", {
         "wave of the input (tendon t1)": dict(size=1e-4, period=8e-3, phase=0.6),
-        "gain over the time so far (all)": dict(all=-0.1)}),
+        "input gain over the time so far (all)": dict(all=-0.1)}),
     ("tension", {"friction by normal force": dict(friction=0.1, exponent=-0.3)}),
     ("tension", {"friction by slip rate": dict(friction=0.1, at_rest=-0.05, rate=1e-3)}),
 ]  # fmt: skip

@@ -53,8 +53,7 @@ def test_short_data_are_searched_whole():
 def test_the_choice_is_small_and_has_fitted_and_held_out_branches(chosen):
     data, held, found = chosen
     assert len(found.steps) <= SEARCHED and list(found.steps) == sorted(set(found.steps))
-    share = np.mean([k in held for k in found.steps])
-    assert 0.2 < share < 0.45
+    assert 0.2 < np.mean([k in held for k in found.steps]) < 0.45
     names = [data.branches[k] for k in found.steps]
     assert all(names.count(n) == IN_BRANCH for n in set(names))
 
@@ -132,8 +131,7 @@ def test_friction_has_the_same_history_on_the_chosen_steps_of_a_branch():
 @pytest.mark.integration
 def test_the_final_fit_and_all_errors_are_of_all_rows():
     """220 load steps, of which the search uses at most 72; the errors are those of all readings, and near the noise."""
-    truth = {"gravity": {"g_x": 0.0, "g_y": -6.0, "g_z": -7.76}}
-    data = long_data(11, truth=truth)
+    data = long_data(11, truth={"gravity": {"g_x": 0.0, "g_y": -6.0, "g_z": -7.76}})
     result = identify(data, IdentifySettings(max_effects=1, candidates=2))
     assert [e.name for e in result.effects] == ["gravity"] and result.verdict == "explained"
     assert len(result.log.rows.numbers) <= SEARCHED and result.fitted_to_all

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import FRICTIONAL, GRAVITY, MODEL, ROBOT, data_of, measured, positions, sequence
+from identify_data import BY_ROW, FRICTIONAL, GRAVITY, MODEL, ROBOT, data_of, measured, positions, sequence
 from scipy.signal import lfilter
 from searches import begun, causes_of, declared, fitted, problem_of, read_as_predicted, searching, state_of
 
@@ -40,7 +40,7 @@ def test_listed_effects_have_a_kind_and_causes_change_nothing_at_their_null_valu
 
 
 def test_a_cause_at_a_place_and_one_without_a_name_have_a_price():
-    bay, taper = effect("soft_bay").at({"s": 0.025}), declared()[2]["radius along s"]
+    bay, taper = effect("soft_bay").at({"s": 0.025}), declared()[2]["radius along the backbone"]
     one = price((effect("gravity"),), ROBOT)
     assert price((effect("gravity"), effect("creep")), ROBOT) == pytest.approx(2.0 * one)
     assert price((bay,), ROBOT) - one == pytest.approx(2.0 * np.log(4))
@@ -137,14 +137,14 @@ def test_another_friction_at_one_hole_is_one_of_the_explanations():
 def test_a_cause_that_was_found_in_some_bays_acts_everywhere_where_the_data_say_so():
     """A stiffness that rose with time was found in ten of fifteen bays, and the search did not end in 9 minutes."""
     problem, _, causes = declared()
-    whole, part = causes["row kappa"], causes["row kappa (bays 1 to 2)"]
+    whole, part = causes[BY_ROW], causes[f"{BY_ROW} (bays 1 to 2)"]
     values = {whole.name: {"coefficient": 10.0 * whole.parameters[0].scale}}
     (true,) = linearize(problem, [Request((whole,), values, ())])
     own = problem_of(read_as_predicted(problem, true.residual))
     begun = fitted(own, part)
     state = replace(state_of(own).with_fit(begun), best=begun, dictionary=(whole, part))
     last = backward_selection(searching(), state)
-    assert last.best.names == ("row kappa",)
+    assert last.best.names == (BY_ROW,)
     assert last.best.values == {whole.name: pytest.approx(values[whole.name], rel=1e-2)}
 
 
@@ -200,8 +200,8 @@ def test_places_of_one_law_do_not_take_the_turns_of_others(monkeypatch):
     """A stiffness that changed with time in all bays came after five that did so in some, which alone were tried."""
     own, _, causes = declared()
     state = state_of(own)
-    places = [e for n, e in causes.items() if e.law == "row kappa somewhere"]
-    every = [*places, causes["row kappa"], causes["|kappa| kappa"]]
+    places = [e for n, e in causes.items() if e.law == f"{BY_ROW} somewhere"]
+    every = [*places, causes[BY_ROW], causes["bending stiffness that changes with the curvature"]]
     assert len(places) > 5
     pool = [Proposal(state.best, Score.refused(e, state.best, ""), -1e9 + k) for k, e in enumerate(every)]
     tried = []
@@ -331,15 +331,15 @@ def test_inputs_jump_at_a_row_share_are_limited_have_a_dead_zone_and_stay_behind
         ("jump of the input (tendon t1, from row 7 on)", {"t1": 0.1}, given + 0.1 * later * [1, 0]),
         ("jump of the gain (from row 7 on)", {"all": 0.1}, given * (1.0 + 0.1 * later)),
         ("jump of the gain (tendon t2, from row 7 on)", {"t2": 0.1}, given * (1.0 + 0.1 * later * [0, 1])),
-        ("share of t1 in t2", {"t2": 0.1}, given + 0.1 * given[:, :1] * [0, 1]),
+        ("crosstalk from t1 to t2", {"t2": 0.1}, given + 0.1 * given[:, :1] * [0, 1]),
         ("limit of the inputs", {"share": 1.0, "limit": 0.5}, np.minimum(given, 0.5)),
         ("limit of the input (tendon t2)", {"share": 1.0, "limit": 0.2}, np.minimum(given, [np.inf, 0.2])),
         ("dead zone of the inputs", {"share": 1.0, "limit": 0.2}, np.maximum(given - 0.2, 0.0)),
         ("lag of the inputs", {"share": 0.2}, behind),
-        ("gain by the largest so far (all)", {"all": -0.1},
+        ("input gain by the largest so far (all)", {"all": -0.1},
             np.maximum(given - 0.1 * np.maximum.accumulate(given), 0.0)),
-        ("gain while rising (t1)", {"t1": -0.1}, given * (1.0 - 0.1 * (last_direction(given) > 0.0) * [1, 0])),
-        ("gain while falling (all)", {"all": 0.1}, given * (1.0 + 0.1 * (last_direction(given) < 0.0))),
+        ("input gain while rising (t1)", {"t1": -0.1}, given * (1.0 - 0.1 * (last_direction(given) > 0.0) * [1, 0])),
+        ("input gain while falling (all)", {"all": 0.1}, given * (1.0 + 0.1 * (last_direction(given) < 0.0))),
     ):  # fmt: skip
         acted = tensions(causes[name].apply(problem.experiment, values))
         np.testing.assert_allclose(acted, expected, atol=1e-12, err_msg=name)
@@ -356,7 +356,7 @@ def test_displacements_are_off_by_a_wave_of_a_spool_or_by_what_tendons_have_give
     integral = np.array([0.0, 1e-3, 7e-3, 9.5e-3]) / 5.0  # of the first input, over the time of the last row
     spool = {"size": 1e-4, "period": 8e-3, "phase": 0.6}
     moved = causes["wave of the input (tendon t2)"].apply(problem.experiment, spool)
-    moved = causes["gain over the time so far (t1)"].apply(moved, {"t1": -0.5})
+    moved = causes["input gain over the time so far (t1)"].apply(moved, {"t1": -0.5})
     acted = [[s.displacements[n] for n in ROBOT.tendon_names] for s in moved.steps]
     np.testing.assert_allclose(acted, given + np.column_stack((-0.5 * integral, 1e-4 * wave)), atol=1e-12)
 
@@ -394,7 +394,7 @@ def test_loads_are_scaled_and_turned_and_a_camera_enlarges_and_distorts():
     np.testing.assert_allclose(shift.reshape(-1, 3), read * (3.0 * square + 0.02) * [1, 1, 0], atol=1e-12)
     shift = causes["share of position z in x"].shift(problem, run, {"scale": 0.03})
     np.testing.assert_allclose(shift.reshape(-1, 3), 0.03 * read[:, 2:] * [1, 0, 0], atol=1e-12)
-    shift = causes["scale of y"].shift(problem, run, {"scale": 0.03})
+    shift = causes["scale of positions along y"].shift(problem, run, {"scale": 0.03})
     np.testing.assert_allclose(shift.reshape(-1, 3), 0.03 * read * [0, 1, 0], atol=1e-12)
 
 

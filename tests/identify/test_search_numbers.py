@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import MODEL, ROBOT, data_of, measured, positions
+from identify_data import BY_ROW, MODEL, ROBOT, data_of, measured, positions
 from searches import causes_of, problem_of, searching, state_of
 
 from tdcr_fe import LoadStep, ParallelRouting, Tendon
@@ -65,7 +65,7 @@ def test_a_sum_of_three_causes_names_none_of_them(begun, count, named, probabili
 def test_a_cause_without_a_name_and_another_one_are_not_certain_but_for_a_shift_of_readings(begun):
     """Two weights became a force all along the backbone and a kink; a missed hole a routing and a gain."""
     _, causes = causes_of(begun.problem)
-    for name, probability in (("radius along s", 0.84), ("scale of the positions", 0.97)):
+    for name, probability in (("radius along the backbone", 0.84), ("scale of the positions", 0.97)):
         first, _ = judged(*added(begun, ["marker_offset"], 50.0, causes=[causes[name]]))
         assert first.probability == first.kind_probability == pytest.approx(probability, abs=0.01)
 
@@ -73,7 +73,7 @@ def test_a_cause_without_a_name_and_another_one_are_not_certain_but_for_a_shift_
 def test_the_kind_of_several_causes_is_certain_where_they_share_it(begun):
     """A stiffness that fell exponentially with time became a creep and two powers of time."""
     _, causes = causes_of(begun.problem)
-    both = [causes["row kappa"], causes["row^2 kappa"]]
+    both = [causes[BY_ROW], causes[BY_ROW.replace("the number", "the square of the number")]]
     first, second = judged(*added(begun, (), 50.0, 0.0, residual=300.0, causes=both))
     assert first.kind == second.kind and first.kind_probability == pytest.approx(1.0, abs=0.01)
     assert first.probability == pytest.approx(0.41, abs=0.01)

@@ -42,8 +42,7 @@ def test_every_sequence_begins_with_the_unloaded_robot():
     # A neighbour that follows the recorded path agrees with one that does not.
     other = replace(both(), model=replace(FRICTIONAL, gravity=(0.0, 0.5, 0.0)))
     along = simulated(other, along=joined.trajectories)
-    free = simulated(other)
-    np.testing.assert_allclose(along.positions, free.positions, atol=1e-6 * LENGTH)
+    np.testing.assert_allclose(along.positions, simulated(other).positions, atol=1e-6 * LENGTH)
 
 
 def test_effects_with_a_history_begin_anew_with_every_sequence():

@@ -6,7 +6,7 @@ from itertools import zip_longest
 
 import numpy as np
 import pytest
-from identify_data import FRICTIONAL, LENGTH, ROBOT, data_of, measured, positions
+from identify_data import BY_ROW, FRICTIONAL, LENGTH, ROBOT, data_of, measured, positions
 from searches import causes_of, check_run, declared, problem_of, read_as_predicted
 
 from tdcr_fe import Experiment, Load, LoadStep, Reading, Robot
@@ -25,7 +25,7 @@ from tdcr_fe.identify.sentences import sentences, summary
 from tdcr_fe.identify.state_loads import ROW, TIME, DryBending, PermanentSet, library
 
 TERMS = {t.key: t for t in library(4, TIME)}
-HARDENING = TERMS["|kappa| kappa"]
+HARDENING = TERMS["bending stiffness that changes with the curvature"]
 TOWARDS_A_POINT = pytest.mark.parametrize(
     ("kind", "law", "own"),
     [(Attraction, (2, 1e-3), {"k": 5e-5}), (Cord, (0.01,), {"k": 0.2, "slack": 0.19})],
@@ -72,7 +72,7 @@ def test_friction_takes_tension_by_the_turning_angle_at_the_disks_below():
     robot = ROBOT.with_tendons(friction_coefficient=0.2)
     problem = problem_of(data_of(steps, positions(Experiment(robot, FRICTIONAL, steps)), robot, FRICTIONAL))
     bays = causes_of(problem)[0].bays
-    term = TERMS["theta m_T by slip"]
+    term = next(t for n, t in TERMS.items() if n.startswith("friction of one size towards the base"))
     angle = term.factors[0].value(bays)[1]
     np.testing.assert_allclose(bays.tension[1, :, 0], np.exp(-0.2 * angle), rtol=1e-3)
     assert term.kind == ("transmission", ("direction of loading", "turning angle"))
@@ -92,11 +92,12 @@ def test_loads_from_a_row_on_act_on_all_disks_of_short_sequences():
 
 def test_stiffness_and_precurvature_from_a_row_on_act_in_these_rows():
     problem, run, causes = declared()
-    later, bend = np.array(problem.data.step_ids) >= 5, causes["step(row >= 5) kappa"]
+    later, own = np.array(problem.data.step_ids) >= 5, "that changes with a step in row 5"
+    bend = causes[f"bending stiffness {own}"]
     expected = np.where(later[:, None, None], run.bays.curvature[..., :2], 0.0)
     np.testing.assert_array_equal(bend.action(run.bays, {"coefficient": 2.0})[..., :2], 2.0 * expected)
-    for name, perturbs in (("kappa", "stiffness"), ("e", "precurvature")):
-        assert causes[f"step(row >= 5) {name}"].kind == (perturbs, ("row",), "everywhere")
+    for name, perturbs in (("bending stiffness", "stiffness"), ("precurvature", "precurvature")):
+        assert causes[f"{name} {own}"].kind == (perturbs, ("row",), "everywhere")
 
 
 def test_the_response_to_an_action_is_exact():
@@ -117,8 +118,7 @@ def test_the_response_to_an_action_is_exact():
     np.testing.assert_allclose(change, predicted, atol=2e-4 * np.abs(predicted).max())
     bays = run.acted.response.state[3] @ step[3].ravel()
     a, b = (r.bays for r in ends)
-    parts = (a.curvature[3] - b.curvature[3], a.moved[3] - b.moved[3])
-    moved = np.concatenate(parts, axis=1) / 2.0
+    moved = np.concatenate((a.curvature[3] - b.curvature[3], a.moved[3] - b.moved[3]), axis=1) / 2.0
     np.testing.assert_allclose(moved.ravel(), bays, atol=2e-3 * np.abs(bays).max())
 
 
@@ -126,7 +126,10 @@ def test_a_load_is_derived_with_what_friction_remembers_of_it():
     """Against central differences of whole runs; the response of each load step alone is far from them."""
     robot = ROBOT.with_tendons(friction_coefficient=3.0)
     problem = problem_of(measured(robot=robot, model=FRICTIONAL))
-    load, none = load_of(TERMS["T kappa"]), {"coefficient": 0.0}
+    load, none = (
+        load_of(TERMS["bending stiffness that changes with the sum of the tensions"]),
+        {"coefficient": 0.0},
+    )
     request = Request((), {}, (Column(load, "coefficient", none, 1.0),))
     found, by_step = (linearize(problem, [request._replace(history=x)])[0] for x in (True, False))
     state, h = found.run.bays, 1e-6
@@ -292,7 +295,13 @@ def test_a_force_towards_a_point_is_proposed_where_it_acts(kind, law, own):
 
 def test_products_that_a_listed_effect_has_are_no_terms():
     keys = {t.key for t in library(4, ROW)}
-    assert not keys & {"kappa", "e", "m_T"} and {"|kappa| kappa", "row kappa"} <= keys
+    assert not keys & {"bending stiffness", "precurvature", "moment of the tendons"}
+    assert {HARDENING.key, BY_ROW} <= keys
+
+
+def test_causes_have_names_in_words():
+    """A headline said "|u| u (bay 2)", another one "kappa/|kappa|"."""
+    assert not [n for n in (*TERMS, *declared()[2]) if set("|/^") & set(n) or "kappa" in n]
 
 
 def test_the_sign_of_the_last_command_stays_while_a_tendon_rests():
@@ -309,20 +318,20 @@ def test_a_moment_that_grows_with_time_is_found_reported_and_written_as_loads(tm
     steps = tuple(replace(s, time=float(k)) for k, s in enumerate(data.steps, 1))
     true = problem_of(replace(data, steps=steps))
     true = replace(true, experiment=with_elements(true.experiment, 4))
-    load, drift = load_of(TERMS["t e"]), 0.01 * ROBOT.backbone.EI / LENGTH
+    load, drift = load_of(TERMS["precurvature that changes with time"]), 0.01 * ROBOT.backbone.EI / LENGTH
     (linear,) = linearize(true, [Request((load,), {load.name: {"x": drift, "y": -0.5 * drift}}, ())])
     noise = np.random.default_rng(0).normal(size=true.count)
     result = identify(read_as_predicted(true, linear.residual - noise, 1e-4))
     assert result.verdict == "explained by a law found"
     (cause,) = result.effects
-    assert (cause.form, *cause.kind[:2]) == ("t e", "precurvature", ("time",))
+    assert (cause.form, *cause.kind[:2]) == (load.name, "precurvature", ("time",))
     assert cause.kind_probability > 0.9
     values = [p.value for p in cause.parameters.values()]
     assert values == pytest.approx([drift, -0.5 * drift], rel=0.05)
     assert result.after.held_out.chi2_per_dof < 1.5 < 0.1 * result.before.held_out.chi2_per_dof
     document = json.loads(json.dumps(result.to_json()))
     assert document["effects"] == [] and document["causes"][0]["perturbs"] == "precurvature"
-    assert document["law"]["formula"].startswith("t e (x = ")
+    assert document["law"]["formula"].startswith(f"{load.name} (x = ")
     assert "law" not in replace(result, verdict="partly explained").to_json()
     assert sentences(result)[0] == f"Explained by an unlisted cause: {result.law.sentence}."
     assert result.law.sentence in summary(result) and result.law.formula in render(result)
@@ -371,7 +380,7 @@ def test_a_stiffness_that_differs_by_side_acts_where_the_curvature_has_the_sign(
 def test_a_stiffness_that_settles_falls_exponentially_with_the_rows():
     """It begins with the first row; the derivative by their number is that of differences."""
     _, run, causes = declared()
-    cause = causes["kappa, settling"]
+    cause = causes["bending stiffness, settling"]
     assert cause.kind == ("stiffness", ("row",), "everywhere")
     values, rows = {"coefficient": 2.0, "span": 3.0}, np.arange(len(run.positions))
     bent = np.pad(run.bays.curvature[..., :2], ((0, 0), (0, 0), (0, 4)))

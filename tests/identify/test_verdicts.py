@@ -158,8 +158,7 @@ def test_forms_of_one_effect_are_separated_by_one_experiment():
 def test_implausible_declared_values_are_warned_of(tmp_path, capsys):
     """As ``tdcr-fe run`` does; before, tensions in grams only gave "did not converge"."""
     data = measured()
-    robot = data.robot.with_backbone(density=5.6)
-    thin = replace(data, robot=robot, readings=data.readings[:1])
+    thin = replace(data, robot=data.robot.with_backbone(density=5.6), readings=data.readings[:1])
     assert identified(tmp_path, thin, "-q", "--processes", "1") == 0
     assert "warning: backbone.density = 5.6 kg/m^3: outside" in capsys.readouterr().err
 

@@ -103,7 +103,7 @@ ROBOT_MISTAKES = [
     ({"disks.thickness": 0.05}, "disks.thickness", "0.05", ["flexible", "0.05 m"]),
     ({"tendons": {"name": "t1"}}, "tendons", '{name = "t1"}', ["[[tendons]]"]),
     ({"tendons.0": 7}, "tendons[0]", "7", ["must be a table", "routing"]),
-    ({"tendons.1.name": "t1"}, "tendons[1].name", "'t1'", ["2 times"]),
+    ({"tendons.1.name": "t1"}, "tendons[1].name", '"t1"', ["2 times"]),
     ({"tendons.0.routing": "paralel"}, "tendons[0].routing", '"paralel"', ["helical", "did you mean parallel?"]),
     ({"tendons.0.offset": REMOVED}, "tendons[0].offset", "", ["missing", "a number [m], zero or more"]),
     ({"tendons.0.offset": 6e-3}, "tendons[0].offset", "0.006", ["base plate", "outside the disk", "0.005 m"]),
@@ -149,7 +149,7 @@ SCENARIO_MISTAKES = [
     ({"steps.0.loads.tip.at": 0.26}, "steps[0].loads.tip.at", "0.26", ["beyond the tip", "0 to 0.25 m"]),
     ({"steps.0.loads.tip.at": REMOVED}, "steps[0].loads.tip.at", "", ["missing", "arc length"]),
     ({"steps.0.loads.tip.frame": "body"}, "steps[0].loads.tip.frame", '"body"', ['"world" or "section"']),
-    ({"steps.0.time": 2.0, "steps.1.time": 1.0}, "steps[1].time", "1.0", ["not be before", "2 s"]),
+    ({"steps.0.time": 2.0, "steps.1.time": 1.0}, "steps[1].time", "1.0", ["not be earlier", "2 s"]),
 ]  # fmt: skip
 
 
@@ -168,7 +168,8 @@ def test_a_mistake_is_named_alone(tmp_path, file, change, key, value, words):
 UNREADABLE = [
     ("x = = 1", "line 1, column 5", "not TOML"),
     ("[a\n", "line 1, column 3", "not TOML"),
-    ("a = 1\na = 2\n", "line 2, column 6", "not TOML"),
+    ("a = 1\na = 2\n", "line 2, column 6", "the key is there already"),
+    ("[tendons]\n[tendons]\n", "line 2, column 9", "are written [[tendons]]"),
     ("a = 0,2\n", "line 1, column 6", "write a decimal point"),
     (b'name = "x"\nb = "\xff"\n', "line 2", "not UTF-8"),
     ("a = " + "1" * 5000, "", "not TOML that can be read"),

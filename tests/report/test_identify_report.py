@@ -38,7 +38,7 @@ def test_the_first_screen_has_verdict_errors_effects_picture_and_next_step():
         "18.8 mm → 0.18 mm", "17.4 mm → 0.187 mm",
         "noise of the measurement alone (rms, distance in space)", "0.173 mm",
         "g_y acceleration of gravity along y 6.950 ± 0.014 m/s² 0 m/s²", "not different from the declared value",
-        "reduced chi-square 900 1.05", "as on Earth",
+        "reduced chi-square 900 1.05", "as on Earth", "probability 0.99.",
         "Next step: run the corrected robot", "[effects] gravity = {",
     ):  # fmt: skip
         assert words in text

@@ -255,10 +255,10 @@ def _examples(robot: Robot, name: str) -> str:
     """The nearest name, and examples of what there is."""
     tables: dict[str, Any] = {"backbone": robot.backbone, "disks": robot.disks}
     tables |= {f"tendons.{t.name}": t for t in reversed(robot.tendons)}
-    known = {f.name: f"{table}.{f.name}" for table, x in tables.items() for f in fields(x)}
+    known = [f"{table}.{f.name}" for table, x in tables.items() for f in fields(x)]
     last = name.rpartition(".")[2]
-    near = [n for n in known if last and last in n] or get_close_matches(last, known, n=1)
-    hint = f"did you mean {known[near[0]]}? " if near else ""
+    near = get_close_matches(name, known, n=1) or [n for n in known if last and last in n]
+    hint = f"did you mean {near[0]}? " if near else ""
     tendon = robot.tendon_names[0] if robot.tendons else "t1"
     return (
         f"{hint}allowed are fields of the files such as backbone.youngs_modulus, disks.mass, tendons.{tendon}.offset, "
