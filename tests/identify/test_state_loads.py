@@ -216,6 +216,47 @@ def test_what_relaxes_follows_its_curvature_with_time():
     np.testing.assert_allclose(last.bays.curvature[1, :, 1], 2.0 / (1.0 - 0.2), rtol=2e-3)
 
 
+def test_bending_that_is_coupled_with_twist_winds_the_rod():
+    """EI kappa + c tau = M and GJ tau + c kappa = 0, where the rod turns by little."""
+    backbone = ROBOT.backbone
+    c, moment = 0.4 * backbone.GJ, 1e-3 * backbone.EI
+    _, problem = bent_by((moment,))
+    load = causes_of(problem)[1]["bending coupled with twist"]
+    run = linearize(problem, [Request((load,), {load.name: {"xz": 0.0, "yz": c}}, ())])[0].run
+    kappa = moment / (backbone.EI - c**2 / backbone.GJ)
+    for bay in run.bays.curvature[0]:
+        np.testing.assert_allclose(bay, (0.0, kappa, -c / backbone.GJ * kappa), rtol=1e-3, atol=1e-3 * kappa)
+
+
+def test_viscous_drag_holds_the_tip_back_by_its_velocity():
+    """Of a tip with compliance C: (1 + c C / dt) x = C F + c C / dt x_before, however large the drag."""
+    force, times = 1e-5, np.array([0.0, 1.0, 3.0, 4.0])
+    steps = tuple(LoadStep(loads={"tip": Load(LENGTH, (force * (t > 0.0), 0.0, 0.0))}, time=t) for t in times)
+    readings = tuple(Reading(k, "position_x", LENGTH, 0.0, 1e-4) for k in range(1, len(steps) + 1))
+    problem = problem_of(data_of(steps, readings, Robot(ROBOT.backbone, ROBOT.disks, ())))
+    free, causes = causes_of(problem)
+    load, still = causes["viscous drag (tip)"], free.bays.moved[1, -1, 0]
+    run = linearize(problem, [Request((load,), {load.name: {"coefficient": 20.0 * force / still}}, ())])[
+        0
+    ].run
+    expected = [0.0]
+    for passed in np.diff(times):
+        expected.append((still + 20.0 / passed * expected[-1]) / (1.0 + 20.0 / passed))
+    np.testing.assert_allclose(run.bays.moved[:, -1, 0], expected, rtol=1e-3, atol=1e-9)
+
+
+def test_any_function_of_a_quantity_is_a_cause():
+    """A line is one: with its values at the knots the cause is the term in proportion to the quantity."""
+    _, run, causes = declared()
+    load, term = causes["bending stiffness as a function of the number of the row"], library(4, ROW)
+    line = next(t for t in term if t.factors == (ROW,) and t.key.startswith("bending stiffness"))
+    values = {p.name: float(p.name.rpartition("_")[2]) for p in load.parameters}
+    assert len(values) == state_loads.KNOTS and load.kind == ("stiffness", ("row",), "everywhere")
+    np.testing.assert_allclose(
+        load.action(run.bays, values), load_of(line).action(run.bays, {"coefficient": 1.0})
+    )
+
+
 def test_a_tendon_that_loses_all_its_tension_ends_there():
     """But for its course in a bay, which is straight from hole to hole."""
     problem, run, causes = declared()
