@@ -436,7 +436,10 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> Iterator
 
 
 def _free(term: Term, state: BayState) -> list[tuple[str, str, Callable[[BayState], Array]]]:
-    """The coefficients of a term of one factor as any function of it, linear between some of its values."""
+    """The coefficients of a term of one factor as any function of it, linear between some of its values.
+
+    It is zero at the smallest: a constant is a cause of its own.
+    """
     (factor,) = term.factors
     given = factor.value(state)
     at = np.unique(np.quantile(given[np.isfinite(given)], np.linspace(0.0, 1.0, KNOTS)))
@@ -445,7 +448,7 @@ def _free(term: Term, state: BayState) -> list[tuple[str, str, Callable[[BayStat
         return np.interp(factor.value(state), at, shape)
 
     found = []
-    for x, shape in zip(at.tolist(), np.eye(len(at)), strict=True):
+    for x, shape in zip(at[1:].tolist(), np.eye(len(at))[1:], strict=True):
         own = replace(term, factors=(replace(factor, unit="", value=partial(share, shape=shape)),))
         found += [(f"{n}_at_{x:.3g}", unit, act) for n, unit, act in own.actions]
     return found

@@ -246,15 +246,13 @@ def test_viscous_drag_holds_the_tip_back_by_its_velocity():
 
 
 def test_any_function_of_a_quantity_is_a_cause():
-    """A line is one: with its values at the knots the cause is the term in proportion to the quantity."""
+    """A line is one: with its values at the knots the cause is a stiffness in proportion, zero at first."""
     _, run, causes = declared()
-    load, term = causes["bending stiffness as a function of the number of the row"], library(4, ROW)
-    line = next(t for t in term if t.factors == (ROW,) and t.key.startswith("bending stiffness"))
-    values = {p.name: float(p.name.rpartition("_")[2]) for p in load.parameters}
-    assert len(values) == state_loads.KNOTS and load.kind == ("stiffness", ("row",), "everywhere")
-    np.testing.assert_allclose(
-        load.action(run.bays, values), load_of(line).action(run.bays, {"coefficient": 1.0})
-    )
+    load = causes["bending stiffness as a function of the number of the row"]
+    values = {p.name: float(p.name.rpartition("_")[2]) - 1.0 for p in load.parameters}
+    assert len(values) == state_loads.KNOTS - 1 and load.kind == ("stiffness", ("row",), "everywhere")
+    added = np.arange(len(run.bays.time))[:, None, None] * run.bays.curvature[..., :2]
+    np.testing.assert_allclose(load.action(run.bays, values)[..., :2], added)
 
 
 def test_a_tendon_that_loses_all_its_tension_ends_there():
