@@ -20,7 +20,9 @@ from tdcr_fe.identify.report import LEVELS, render
 from tdcr_fe.identify.result import Errors, Misfit, Parameters, Profile, Residuals, Simulated
 from tdcr_fe.identify.sentences import goodness, measure, remarks, sentences
 from tdcr_fe.io.result_folder import read_motion, write_markers
+from tdcr_fe.report.motion import nearest
 from tdcr_fe.report.viewer import view_page
+from tdcr_fe.report.viewer_data import panel_data
 
 
 def plain(html):
@@ -202,6 +204,19 @@ def test_markers_may_be_missing_where_the_folder_is_viewed(folder, tmp_path, cou
     again = read_motion(tmp_path / "found")
     assert np.array_equal(again.markers.measured, seen, equal_nan=True)
     assert view_page(again) == view_page(replace(read, markers=markers))
+
+
+def test_markers_seen_from_one_side_are_drawn_on_the_robot_along_the_line_of_sight(folder):
+    """The 3D page of planar data had no measured markers."""
+    motion = folder[1]
+    flat, there = motion.markers.measured.copy(), motion.positions[:, nearest(motion.s, motion.markers.s)]
+    flat[..., 1], flat[3] = np.nan, np.nan
+    drawn = np.where([False, True, False], there, flat)
+    drawn[3] = np.nan
+    flat, drawn = (
+        panel_data(replace(motion, markers=replace(motion.markers, measured=x))) for x in (flat, drawn)
+    )
+    assert flat["markers"] == drawn["markers"]
 
 
 def _with(corrected, commanded, *effects):
