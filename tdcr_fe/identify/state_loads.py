@@ -395,7 +395,8 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> Iterator
         own = [("coefficient", "N s m^-1", partial(_against_motion, bay=bay))]
         kind, price = Kind("force", ("position", "time"), at), math.log(10.0) + math.log(state.choices(bay))
         yield from load(f"viscous drag ({at})", kind, own, "a force against the velocity", price)
-    for factor, direction in product((CURVATURE, POSITION, TENSION, clock), _DIRECTIONS):
+    of_one = product((CURVATURE, POSITION, TENSION, clock), (BENDING, TENDONS, TENDON_SIGN))
+    for factor, direction in (*of_one, (POSITION, SECTION)):
         if progress or factor is not ROW:
             term = Term((factor,), direction)
             name, price = f"{direction.law} as a function of {factor.name}", math.log(10.0) + PER_FACTOR
