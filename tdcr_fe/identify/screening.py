@@ -112,11 +112,8 @@ def screen(problem: FitProblem, fit: Fit, effects: Sequence[Effect]) -> tuple[li
     signatures, fit = _signatures(problem, fit, sets, history=False)
     found = _scores(problem, fit, sets, signatures)
     if experiment.model.friction != "none":
-        loads = [
-            x
-            for x in found.values()
-            if isinstance(x.effect, StateLoad) and not isinstance(x.effect, PointForce)
-        ]
+        every = (x for x in found.values() if isinstance(x.effect, StateLoad))
+        loads = [x for x in every if not isinstance(x.effect, PointForce)]
         loads.sort(key=lambda x: criteria.complexity(problem, [x.effect], {}, x.count) - x.drop)
         first = {x.effect.name for x in loads[:WITH_HISTORY]}
         if sets := [one for one in sets if one.effect.name in first]:

@@ -131,9 +131,8 @@ class StepInputs:
 
     name: str
     change: Array  # Of tensions [N] and lengths wound [m], shape (K, m)
-    loads: Mapping[str, Array] = field(
-        default_factory=dict
-    )  # Of loads by name, forces and moments, shape (K, 6)
+    # Of loads by name, forces [N] and moments [N m], shape (K, 6)
+    loads: Mapping[str, Array] = field(default_factory=dict)
 
 
 Parameter = ModelParameter | StepInput | StepInputs
