@@ -192,10 +192,8 @@ def replay(result: IdentificationResult, deadline: float = math.inf) -> Sequence
         The deadline has passed.
     """
     simulated = result.simulated
-    model = replace(simulated.corrected.model, elements_per_bay=simulated.commanded.model.elements_per_bay)
     path = simulated.path if result.law is None else None
-    experiment = replace(simulated.corrected, model=model)
-    solved = solve_commanded_steps(experiment, simulated.solver, deadline, path)
+    solved = solve_commanded_steps(simulated.corrected, simulated.solver, deadline, path)
     named = zip(solved.steps, result.data.step_ids, result.data.branches, strict=False)
     return replace(solved, steps=tuple(replace(s, step=n, label=branch) for s, n, branch in named))
 

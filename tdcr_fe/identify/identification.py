@@ -19,7 +19,7 @@ from tdcr_fe.identify.next_experiment import choose_next
 from tdcr_fe.identify.noise import estimate_sigma
 from tdcr_fe.identify.problem import Fit, FitProblem, Point, evaluate, fit_of_run, refine, with_elements
 from tdcr_fe.identify.result import IdentificationResult
-from tdcr_fe.identify.rows import RowChoice, choose_held_out, choose_rows, held_out_branches
+from tdcr_fe.identify.rows import RowChoice, choose_held_out, choose_rows, held_out_branches, read_rows
 from tdcr_fe.identify.run import Run
 from tdcr_fe.identify.scatter import errors_of_inputs, with_input_sigma
 from tdcr_fe.identify.search import search_causes, with_scatter
@@ -94,9 +94,9 @@ def _identified(data: MeasuredData, settings: IdentifySettings, search: Search) 
             state = _search(search, state, prepared, schedule)
             search.report("conclusions", 0.97)
     except KeyboardInterrupt:  # the workers have ended
-        if search.kept.state is None:
+        if not search.kept:
             raise
-        state = search.kept.state.with_history("interrupted; what was found until then is reported")
+        state = search.kept[0].with_history("interrupted; what was found until then is reported")
         state = replace(state, interrupted=True)
     return conclude(replace(search, deadline=begun + settings.time_limit), state, started)
 
@@ -110,7 +110,6 @@ class Prepared(NamedTuple):
     run: Run  # of the declared model, in that problem
     rows: RowChoice | None  # load steps that the search uses; None for all
     frictional: FitProblem | None  # where the search runs without friction: what its end runs with
-    sigma_estimated: bool  # whether any sigma was not given
 
 
 def _search(search: Search, state: SearchState, prepared: Prepared, schedule: Schedule) -> SearchState:
@@ -163,35 +162,32 @@ def _with_next(search: Search, state: SearchState) -> SearchState:
 
 def prepare(data: MeasuredData, settings: IdentifySettings, forward: ForwardModel) -> Prepared:
     """The problem with sigma known and steps held out; and that of the search, with mesh and path fine enough."""
-    if settings.hold_out_branches:
-        positions = set(held_out_branches(data, settings.hold_out_branches))
-    else:
-        positions = set(choose_held_out(data, settings.hold_out))
-    at = {n: k for k, n in enumerate(data.step_ids)}
-    held_out = np.array([at[r.step] in positions for r in data.readings])
+    patterns = settings.hold_out_branches
+    held = held_out_branches(data, patterns) if patterns else choose_held_out(data, settings.hold_out)
+    held_out = np.isin(read_rows(data), held)
     problem = FitProblem.of(data, np.ones(len(data.readings)), held_out, forward, settings.path_tolerance)
     problem = replace(problem, catalogue=settings.catalogue)
     residual = np.full(problem.count, np.nan)
     if any(r.sigma is None for r in data.readings):
         residual = evaluate(problem, (), {}).residual
-    sigma, estimated = estimate_sigma(data, residual)
+    sigma = estimate_sigma(data, residual)
     problem = with_input_sigma(replace(problem, sigma=sigma))
     is_position = problem.readings.is_position
     if np.any(is_position):
         share = PATH_SHARE * float(np.median(sigma[is_position])) / data.robot.backbone.length
         tolerance = float(np.clip(share, problem.path_tolerance, LOOSEST))
         problem = replace(problem, path_tolerance=tolerance)
-    rows, searched, frictional = choose_rows(data, sorted(positions)), problem, None
+    rows, searched, frictional = choose_rows(data, held), problem, None
     if rows is not None:
         searched = problem_of_rows(problem, rows)
         if friction_explains_little(searched):
             frictional = searched
-            rows = choose_rows(data, sorted(positions), history=False) or rows
+            rows = choose_rows(data, held, history=False) or rows
             searched = without_friction(problem_of_rows(problem, rows))
     run = searched.simulated((), {})
     if run.solved:
         searched, run = refine(searched, (), {}, run)
-    return Prepared(problem, searched, run, rows, frictional, estimated)
+    return Prepared(problem, searched, run, rows, frictional)
 
 
 def declared_state(prepared: Prepared) -> SearchState:
@@ -209,8 +205,7 @@ def declared_state(prepared: Prepared) -> SearchState:
         message = f"the declared model does not follow the loading sequence: {reason}"
         raise NotSolved(f"{message}{' ' if hint else ''}{hint}")
     problem = replace(problem, robust_threshold=robust_threshold(declared.residual))
-    state = SearchState.start(problem, fit_of_run(problem, (), {}, prepared.run))
-    return replace(state, rows=prepared.rows, sigma_estimated=prepared.sigma_estimated)
+    return SearchState.start(problem, fit_of_run(problem, (), {}, prepared.run), prepared.rows)
 
 
 # ---------------------------------------------------------------------------------------------- the end of long data

@@ -292,9 +292,7 @@ def fit_of_run(problem: FitProblem, effects: Sequence[Effect], values: Point, ru
     return Fit(tuple(effects), values, r, *problem.cost(r), np.zeros((r.size, 0)), (), run, r)
 
 
-def refine(
-    problem: FitProblem, effects: Sequence[Effect], values: Point, run: Run | None = None
-) -> tuple[FitProblem, Run]:
+def refine(problem: FitProblem, effects: Sequence[Effect], values: Point, run: Run) -> tuple[FitProblem, Run]:
     """Refine the mesh until its error stays below the noise near a point.
 
     A run with one element per bay more, which takes the same substeps, shows whether the mesh matters: two runs that
@@ -308,7 +306,7 @@ def refine(
     effects, values
         The model.
     run
-        Its run, with its path; None simulates it.
+        Its run, with its path.
 
     Returns
     -------
@@ -318,7 +316,6 @@ def refine(
         still count.
     """
     problem = replace(problem, correction=np.zeros(problem.count))
-    run = run or problem.simulated(effects, values)
 
     def with_model(count: int) -> Experiment:
         """With so many elements a bay, the model, and the loads of its run."""

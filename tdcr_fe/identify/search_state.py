@@ -24,13 +24,6 @@ Names = frozenset[str]
 Progress = Callable[[str, float], None]
 
 
-@dataclass
-class Kept:
-    """The last complete state of a search, which remains where the search is interrupted or its time is over."""
-
-    state: SearchState | None = None  # none before the declared model is solved
-
-
 @dataclass(frozen=True)
 class Search:
     """What does not change during a search, and what it keeps."""
@@ -40,11 +33,13 @@ class Search:
     # reading of `tdcr_fe.identify.settings.clock` after which nothing further of the search begins, and fits
     # end where they are [s]
     deadline: float = math.inf
-    kept: Kept = field(default_factory=Kept)
+    # the last complete state, which remains where the search is interrupted or its time is over; none before the
+    # declared model is solved
+    kept: list[SearchState] = field(default_factory=list)
 
     def keep(self, state: SearchState) -> SearchState:
         """A complete state, which remains until the next one."""
-        self.kept.state = state
+        self.kept[:] = [state]
         return state
 
     @property
@@ -91,12 +86,11 @@ class SearchState:
     # load steps that the search uses; None for all. On a part of them, to be faster, causes without a name are tried
     # only once no listed effect improves the model, and exchanges only at the end
     rows: RowChoice | None = None
-    sigma_estimated: bool = False  # whether any sigma was not given
 
     @classmethod
-    def start(cls, problem: FitProblem, declared: Fit) -> SearchState:
+    def start(cls, problem: FitProblem, declared: Fit, rows: RowChoice | None = None) -> SearchState:
         """With the declared model alone."""
-        return cls(problem, declared, declared, {frozenset(): declared})
+        return cls(problem, declared, declared, {frozenset(): declared}, rows=rows)
 
     def begun_anew(self, problem: FitProblem, declared: Fit, best: Fit) -> SearchState:
         """The search begun anew with another problem: of it only the declared and the best model are fitted."""
@@ -136,7 +130,7 @@ def in_time(search: Search, state: SearchState, stage: Stage, what: str) -> Sear
     try:
         return search.keep(stage(search, state))
     except OutOfTime:
-        return search.keep((search.kept.state or state).without_trying(what))
+        return search.keep(search.kept[0].without_trying(what))
 
 
 def cut_short(search: Search, state: SearchState, part: str) -> SearchState:

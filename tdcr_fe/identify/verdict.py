@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -66,13 +65,11 @@ def conclude(search: Search, state: SearchState, begun: float = 0.0) -> Identifi
     certain = unlisted <= 1.0 - NAMED and all(e.kind_probability > NAMED for e in effects)
     held = {data.readings[i].step for i in np.flatnonzero(problem.held_out)}
     corrected = problem.acted(best.effects, best.values, best.run)
-    declared_mesh = replace(corrected.model, elements_per_bay=data.model.elements_per_bay)
     left = problem.lengths(declared.residual), problem.lengths(best.residual), problem.whole_sigma
     correlation = spread / np.maximum(np.outer(deviation, deviation), 1e-300)
     tried = state.candidates, dict(state.refused), state.history, problem.forward.runs, wall_time
-    models = problem.experiment, replace(corrected, model=declared_mesh)
     catalogue = (*problem.catalogue, *(e for e in best.effects if isinstance(e, Cause)))
-    solver = run_settings(problem.forward.settings, problem.path_tolerance)
+    models = problem.experiment, corrected, run_settings(problem.forward.settings, problem.path_tolerance)
     return IdentificationResult(
         data=data,
         verdict=_verdict(state, undecided, explained, certain),
@@ -83,10 +80,10 @@ def conclude(search: Search, state: SearchState, begun: float = 0.0) -> Identifi
         held_out_steps=tuple(n for n in data.step_ids if n in held),
         remaining=undecided or _remaining(explained, tests),
         shapes=_shapes(problem, declared, best, held),
-        residuals=Residuals(*left, state.sigma_estimated, outliers(best.residual), tests[:12]),
+        residuals=Residuals(*left, outliers(best.residual), tests[:12]),
         parameters=Parameters(tuple(map(".".join, best.free)), correlation, state.profiles),
         log=SearchLog(*tried, state.not_tried, state.interrupted, state.rows),
-        simulated=Simulated(*models, solver, catalogue, best.run.trajectories, problem.mesh_error),
+        simulated=Simulated(*models, catalogue, best.run.trajectories, problem.mesh_error),
         ceiling=ceiling,
         next_experiment=state.next_experiment,
         scatter=state.scatter,
