@@ -46,9 +46,7 @@ def comparison(result: IdentificationResult) -> Figure:
         axes = figure.subplots(1, len(drawers), squeeze=False)[0]
         for ax, draw in zip(axes, drawers, strict=True):
             ax.set_visible(draw(ax, result))
-        fills = {"measured": MEASURED, "measured, held out": "white"}
-        if not result.held_out_steps:
-            del fills["measured, held out"]
+        fills = {"measured": MEASURED} | ({"measured, held out": "white"} if result.held_out_steps else {})
         drawn = _drawn(result, result.shapes.before, result.shapes.after)
         handles = [
             *(Line2D([], [], color=MEASURED, marker="o", ms=4, mfc=c, ls="none", label=t) for t, c in fills.items()),

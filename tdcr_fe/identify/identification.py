@@ -97,7 +97,7 @@ def _identified(data: MeasuredData, settings: IdentifySettings, search: Search) 
         if not search.kept:
             raise
         state = search.kept[0].with_history("interrupted; what was found until then is reported")
-        state = replace(state, interrupted=True)
+        state = state.logged(interrupted=True)
     return conclude(replace(search, deadline=begun + settings.time_limit), state, started)
 
 
@@ -205,7 +205,7 @@ def declared_state(prepared: Prepared) -> SearchState:
         message = f"the declared model does not follow the loading sequence: {reason}"
         raise NotSolved(f"{message}{' ' if hint else ''}{hint}")
     problem = replace(problem, robust_threshold=robust_threshold(declared.residual))
-    return SearchState.start(problem, fit_of_run(problem, (), {}, prepared.run), prepared.rows)
+    return SearchState.start(problem, problem.with_residual(declared, declared.residual), prepared.rows)
 
 
 # ---------------------------------------------------------------------------------------------- the end of long data
@@ -278,8 +278,7 @@ def _evaluated(problem: FitProblem, best: Fit) -> tuple[FitProblem, list[Fit]]:
     found = fitting.run_fits(problem, fits)
     if found[0].solved:
         problem = replace(problem, robust_threshold=robust_threshold(found[0].residual))
-    costs = [problem.cost(f.residual) for f in found]
-    return problem, [replace(f, cost=a, held_cost=b) for f, (a, b) in zip(found, costs, strict=True)]
+    return problem, [problem.with_residual(f, f.residual) for f in found]
 
 
 def _with_other_models(search: Search, searched: SearchState, state: SearchState) -> SearchState:

@@ -18,8 +18,8 @@ import numpy as np
 
 from tdcr_fe.elements import Array
 from tdcr_fe.identify.causes import BesideDescription
-from tdcr_fe.identify.derivatives import Column, Linear, Request, linearize_each
-from tdcr_fe.identify.fitting import covariance
+from tdcr_fe.identify.derivatives import Linear, Request, linearize_each
+from tdcr_fe.identify.fitting import columns_of, covariance
 from tdcr_fe.identify.noise import series
 from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.identify.result import NextExperiment
@@ -151,9 +151,7 @@ def _solved(planned: Sequence[FitProblem], models: Sequence[_Model]) -> Iterator
     pairs = []
     for p, model in itertools.product(planned, models):
         fit, half = model.fit, 0.5 * np.sqrt(np.maximum(np.diag(model.spread), 1e-300))
-        by_name = {e.name: e for e in fit.effects}
-        steps = zip(fit.free, half.tolist(), strict=True)
-        columns = tuple(Column(by_name[e], name, fit.values[e], h) for (e, name), h in steps)
+        columns = columns_of(fit.effects, fit.values, fit.free, half)
         pairs.append((p, Request(fit.effects, fit.values, columns, record=False)))
     found = linearize_each(pairs)
     for i in range(len(planned)):

@@ -151,6 +151,11 @@ class FitProblem:
         c = huber(r, self.robust_threshold)
         return float(np.sum(c[~self.held_out])), float(np.sum(c[self.held_out]))
 
+    def with_residual(self, fit: Fit, r: Array) -> Fit:
+        """A fit with another residual over sigma, and its cost by the measures of this problem."""
+        cost, held_cost = self.cost(r)
+        return replace(fit, residual=r, cost=cost, held_cost=held_cost)
+
     def root_weights(self, r: Array) -> Array:
         """Square roots of the weights that make squares of the residual robust, shape (n,)."""
         return np.sqrt(np.minimum(1.0, self.robust_threshold / np.maximum(np.abs(r), 1e-300)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -31,7 +32,6 @@ from tdcr_fe.identify.result import (
     Parameters,
     Remainder,
     Residuals,
-    SearchLog,
     SetErrors,
     Shapes,
     Simulated,
@@ -54,7 +54,7 @@ def conclude(search: Search, state: SearchState, begun: float = 0.0) -> Identifi
     unlisted = criteria.probability_of_unlisted(best) if explained else 0.0
     undecided = _undecided(search, state, explained)
     ceiling = None
-    if not state.interrupted and (undecided is None or undecided.where in (THE_INPUTS, THE_NOISE)):
+    if not state.log.interrupted and (undecided is None or undecided.where in (THE_INPUTS, THE_NOISE)):
         if search.out_of_time:
             state = state.without_trying(Part.CEILING)
         else:
@@ -67,7 +67,6 @@ def conclude(search: Search, state: SearchState, begun: float = 0.0) -> Identifi
     corrected = problem.acted(best.effects, best.values, best.run)
     left = problem.lengths(declared.residual), problem.lengths(best.residual), problem.whole_sigma
     correlation = spread / np.maximum(np.outer(deviation, deviation), 1e-300)
-    tried = state.candidates, dict(state.refused), state.history, problem.forward.runs, wall_time
     catalogue = (*problem.catalogue, *(e for e in best.effects if isinstance(e, Cause)))
     models = problem.experiment, corrected, run_settings(problem.forward.settings, problem.path_tolerance)
     return IdentificationResult(
@@ -82,7 +81,7 @@ def conclude(search: Search, state: SearchState, begun: float = 0.0) -> Identifi
         shapes=_shapes(problem, declared, best, held),
         residuals=Residuals(*left, outliers(best.residual), tests[:12]),
         parameters=Parameters(tuple(map(".".join, best.free)), correlation, state.profiles),
-        log=SearchLog(*tried, state.not_tried, state.interrupted, state.rows),
+        log=replace(state.log, runs=problem.forward.runs, wall_time=wall_time),
         simulated=Simulated(*models, catalogue, best.run.trajectories, problem.mesh_error),
         ceiling=ceiling,
         next_experiment=state.next_experiment,
@@ -124,9 +123,9 @@ def _verdict(state: SearchState, undecided: Remainder | None, explained: bool, c
     """The verdict: the first that holds; ``certain``: whether kinds and places of all causes are."""
     best = state.best
     verdicts = (
-        (Verdict.UNFINISHED, state.interrupted),
+        (Verdict.UNFINISHED, state.log.interrupted),
         (Verdict.CANNOT_TELL, undecided is not None),
-        (Verdict.UNFINISHED, not explained and not MAY_EXPLAIN.isdisjoint(state.not_tried)),
+        (Verdict.UNFINISHED, not explained and not MAY_EXPLAIN.isdisjoint(state.log.not_tried)),
         (Verdict.PARTLY_EXPLAINED, not explained and best.effects),
         (Verdict.UNEXPLAINED, not explained),
         (Verdict.LAW_FOUND, certain and not best.named),
