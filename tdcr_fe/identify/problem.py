@@ -364,13 +364,12 @@ def join_steps(experiment: Experiment) -> Experiment:
     """
     if experiment.model.friction != "none" or experiment.ends is None:
         return experiment
-    steps: list[LoadStep] = []
-    passed: LoadStep | None = None
+    steps, passed = [], LoadStep()
     for step, (_, factor) in zip(experiment.steps, experiment.ends, strict=True):
-        passed = step if passed is None else step.after(passed)
+        passed = step.after(passed)
         if factor == 1.0:
             steps.append(passed)
-            passed = None
+            passed = LoadStep()
     return replace(experiment, steps=tuple(steps), ends=None)
 
 

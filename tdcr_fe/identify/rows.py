@@ -227,8 +227,7 @@ def choose_rows(data: MeasuredData, held_out: Sequence[int], history: bool = Tru
     total = max(SEARCHED, (2 * IN_BRANCH + 1) * int(np.count_nonzero(np.ptp(table, axis=0))))
     total *= 1 if history else 2
     share = round(HELD_OUT * total)
-    shares = zip(groups, (share, total - share), strict=True)
-    rows = sorted(k for group, most in shares for k in _spread(table, group, most))
+    rows = sorted([*_spread(table, groups[0], share), *_spread(table, groups[1], total - share)])
     if len(rows) == len(data.steps):
         return None
     numbers = tuple(data.step_ids[k] for k in rows)
