@@ -163,8 +163,7 @@ def _labelled(result: IdentificationResult, experiment: Experiment) -> Iterator[
     for j, (step, k) in enumerate(zip(experiment.steps, commanded, strict=True)):
         parts = commanded.count(k)
         part = commanded[: j + 1].count(k)
-        label = str(ids[k]) if part == parts else f"{ids[k]} (part {part} of {parts})"
-        yield replace(step, label=label)
+        yield replace(step, label=str(ids[k]) if part == parts else f"{ids[k]} (part {part} of {parts})")
 
 
 def replay(result: IdentificationResult, deadline: float = math.inf) -> SequenceResult:

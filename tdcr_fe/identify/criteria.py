@@ -273,7 +273,6 @@ def mostly_estimated_noise(data: MeasuredData) -> str:
 def motion_over_noise(problem: FitProblem, declared: Fit) -> float:
     """Predicted readings less those of the straight, unloaded robot, rms over sigma [1]."""
     at_rest = np.array([r.channel.at_rest(r.location) for r in problem.data.readings])
-    predicted = problem.readings.values / problem.sigma - declared.residual
-    motion = predicted - at_rest / problem.sigma
+    motion = (problem.readings.values / problem.sigma - declared.residual) - at_rest / problem.sigma
     known = motion[np.isfinite(motion)]
     return float(np.sqrt(np.mean(known**2))) if known.size else 0.0

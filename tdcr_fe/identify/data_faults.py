@@ -86,8 +86,7 @@ class _Grid:
         where = np.array(places) if at_tendons else arc_lengths(places)
         markers, column = np.unique(where, return_inverse=True)
         rows, row = np.unique(problem.readings.step[which], return_inverse=True)
-        axis = np.array([names.index(q) for q in problem.readings.quantities[which]], dtype=int)
-        at = row, column, axis
+        at = row, column, np.array([names.index(q) for q in problem.readings.quantities[which]], dtype=int)
         steps = tuple(problem.data.step_ids[k] for k in rows)
         measured, predicted, sigma = np.full((3, rows.size, markers.size, len(names)), np.nan)
         values = problem.readings.values
@@ -303,8 +302,7 @@ def _standing_still(problem: FitProblem, declared: Fit) -> str:
                 found.append((run.size, f"{first.quantity}{at} is {seen}, {why}"))
     if not found:
         return ""
-    more = f" ({len(found) - 1} more such stretches)" if len(found) > 1 else ""
-    return max(found)[1] + more
+    return max(found)[1] + (f" ({len(found) - 1} more such stretches)" if len(found) > 1 else "")
 
 
 # --------------------------------------------------------------------------------------- what would mend them
@@ -356,8 +354,7 @@ def _steps(grid: _Grid) -> Iterator[_Fault]:
         text = f"the readings are shifted: {{since}}those of each step appear {count} {way}"
         yield grid.mended(moved, text)
     r = (grid.measured[:, None] - grid.predicted[None, :]) / grid.sigma[:, None]
-    both = np.isfinite(r)
-    each = np.where(both, huber(r, NOISE_REACHES), NOISE_REACHES)
+    each = np.where(np.isfinite(r), huber(r, NOISE_REACHES), NOISE_REACHES)
     rows, columns = linear_sum_assignment(np.sum(each, axis=(2, 3)))
     others = int(np.count_nonzero(columns != rows))
     if others:

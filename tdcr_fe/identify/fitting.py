@@ -302,8 +302,7 @@ def covariance(problem: FitProblem, fit: Fit) -> Array:
     j, r = _weighted(problem, fit)
     norm = np.maximum(np.linalg.norm(j, axis=0), 1e-300)
     inner = np.linalg.pinv((j / norm).T @ (j / norm), rcond=1e-10)
-    dof = max(1, len(r) - len(fit.free))
-    factor = max(1.0, fit.cost / dof)
+    factor = max(1.0, fit.cost / max(1, len(r) - len(fit.free)))
     # The extrapolated error of mesh and path is known to about a third; so is its effect on the parameters.
     w = problem.root_weights(fit.residual)[problem.fitted]
     shift = inner / np.outer(norm, norm) @ (j.T @ (UNSURE * problem.correction[problem.fitted] * w))
@@ -316,8 +315,7 @@ def _bounded_step(j: Array, r: Array, damping: float, low: Array, high: Array) -
     scaled = np.concatenate((j / norm, np.sqrt(damping) * np.eye(len(norm))))
     right = np.concatenate((r, np.zeros(len(norm))))
     low, high = np.minimum(low * norm, -1e-12), np.maximum(high * norm, 1e-12)
-    solution = lsq_linear(scaled, right, (low, high), method="bvls")
-    return np.asarray(solution.x / norm)
+    return np.asarray(lsq_linear(scaled, right, (low, high), method="bvls").x / norm)
 
 
 def profiles(problem: FitProblem, fit: Fit) -> Iterator[Profile]:

@@ -258,14 +258,12 @@ def fit_to_all_rows(search: Search, state: SearchState, problem: FitProblem) -> 
         # An iteration is followed by a run on the path of the new parameters.
         race = fitting.Race(deadline=search.deadline - 2.0 * duration)
         (best,) = fitting.run_fits(problem, [fitting.finish(problem, best, race)])
-    everything = state.begun_anew(problem, declared, best)
-    return _with_other_models(search, state, everything)
+    return _with_other_models(search, state, state.begun_anew(problem, declared, best))
 
 
 def _on_mesh_of(searched: FitProblem, problem: FitProblem) -> FitProblem:
     """A problem with the mesh on which a search ended, and with what it knows of typical steps and of the mesh."""
-    count = searched.experiment.model.starting_elements_per_bay
-    experiment = with_elements(problem.experiment, count)
+    experiment = with_elements(problem.experiment, searched.experiment.model.starting_elements_per_bay)
     return replace(problem, experiment=experiment, scales=searched.scales, mesh_error=searched.mesh_error)
 
 
@@ -273,8 +271,7 @@ def _evaluated(problem: FitProblem, best: Fit) -> tuple[FitProblem, list[Fit]]:
     """The declared model, and the best one with its derivatives, on all load steps, with the robust threshold there."""
     fits = [fitting.evaluated(problem, (), {}, ())]
     if best.effects:
-        start = _within(problem, best.effects, best.values)
-        fits.append(fitting.begin(problem, best.effects, start))
+        fits.append(fitting.begin(problem, best.effects, _within(problem, best.effects, best.values)))
     found = fitting.run_fits(problem, fits)
     if found[0].solved:
         problem = replace(problem, robust_threshold=robust_threshold(found[0].residual))
@@ -355,8 +352,7 @@ def with_friction(problem: FitProblem, search: Search, state: SearchState) -> Se
         The last one of the search, without friction.
     """
     search.report("the best model with friction", 0.8)
-    threshold = state.problem.robust_threshold
-    problem = replace(_on_mesh_of(state.problem, problem), robust_threshold=threshold)
+    problem = replace(_on_mesh_of(state.problem, problem), robust_threshold=state.problem.robust_threshold)
     without = evaluate(without_friction(problem), state.best.effects, state.best.values)
     race = fitting.Race(deadline=search.deadline)
     best = fitting.fit(problem, state.best.effects, state.best.values, race)

@@ -227,8 +227,7 @@ class _Inputs(NamedTuple):
         text = "the inputs stay behind their commands"
 
         def lagging(experiment: Experiment, values: Values) -> Experiment:
-            shares = [values["share"]] * len(experiment.whole_steps)
-            return _behind(experiment, shares, of_commands=False)
+            return _behind(experiment, [values["share"]] * len(experiment.whole_steps), of_commands=False)
 
         def coming_late(experiment: Experiment, values: Values) -> Experiment:
             pauses = _pauses([experiment.steps[k] for k in experiment.whole_steps])

@@ -93,8 +93,7 @@ def candidate_sequences(problem: FitProblem) -> list[tuple[LoadStep, ...]]:
     ends = [*np.argmax(commands, axis=0), *np.argmin(commands, axis=0)[np.min(commands, axis=0) < 0.0]]
     extremes = _distinct([commands[int(k)] for k in ends if not np.array_equal(commands[int(k)], rest)])
     points = _distinct([*extremes, *(0.5 * (a + b) for a, b in itertools.combinations(extremes, 2))])
-    measured = tip_forces(actions)
-    forces = _distinct([f for f in measured if np.linalg.norm(f) > 0.0])
+    forces = _distinct([f for f in tip_forces(actions) if np.linalg.norm(f) > 0.0])
     forces = sorted(forces, key=lambda f: -float(np.linalg.norm(f)))[:MOST]
     names, length = data.robot.tendon_names, data.robot.backbone.length
     timed = [s.time for s in data.steps if s.time is not None]
@@ -109,9 +108,7 @@ def candidate_sequences(problem: FitProblem) -> list[tuple[LoadStep, ...]]:
         return LoadStep(tensions=tensions, displacements=displacements, loads=loads, time=time)
 
     none = np.zeros(3)
-    found = [(rest, force) for force in forces]
-    for force in forces or [none]:
-        found += [(p, force) for p in points]
+    found = [(rest, force) for force in forces] + [(p, force) for force in forces or [none] for p in points]
     chosen = [((p, none), (p, force), (0.5 * (p + rest), none)) for p, force in found[:CANDIDATES]]
     return [tuple(step(v, f, k) for k, (v, f) in enumerate(sequence)) for sequence in chosen]
 

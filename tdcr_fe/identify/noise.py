@@ -71,8 +71,7 @@ def clipped(r: Array) -> Array:
 
 def chi_square_z_score(r: Array, parameters: int = 0) -> float:
     """Sum of squares against noise of unit variance, as a z-score (robust: residuals are clipped)."""
-    dof = max(1, r.size - parameters)
-    p = float(chdtrc(dof, float(np.sum(clipped(r) ** 2))))
+    p = float(chdtrc(max(1, r.size - parameters), float(np.sum(clipped(r) ** 2))))
     return float(-ndtri(max(p, 1e-300)))
 
 

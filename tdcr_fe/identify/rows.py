@@ -59,9 +59,7 @@ def inputs(data: MeasuredData) -> Array:
     commands = np.array([a.values for a in actions]).reshape(len(actions), -1)
     table = np.concatenate((commands, tip_forces(actions)), axis=1)
     for part in (slice(0, -3), slice(-3, None)):
-        largest = np.max(np.abs(table[:, part]), initial=0.0)
-        if largest > 0.0:
-            table[:, part] /= largest
+        table[:, part] /= np.max(np.abs(table[:, part]), initial=0.0) or 1.0
     return table
 
 

@@ -136,8 +136,7 @@ class RunDerivatives:
             return np.asarray(getattr(part, field)[..., [part.names.index(n) for n in names]])
 
         tables: dict[str, Any] = {n: np.concatenate([chosen(part, n) for part in parts]) for n in _BY_STEP}
-        lengths = chosen(parts[0], "arc_lengths")
-        return cls(**tables, arc_lengths=lengths, names=names, refused=refused)
+        return cls(**tables, arc_lengths=chosen(parts[0], "arc_lengths"), names=names, refused=refused)
 
     def part(self, which: Sequence[int]) -> RunDerivatives:
         """By some of the parameters."""
@@ -217,8 +216,7 @@ class Run:
         """The run with a change added, to first order: derivatives by one parameter."""
         turned = Rotation.from_rotvec(change.rotations.reshape(-1, 3)).as_matrix()
         tables = {n: getattr(self, n) + getattr(change, n)[..., 0] for n in _BY_STEP if n != "rotations"}
-        rotations = turned.reshape(self.rotations.shape) @ self.rotations
-        return replace(self, **tables, rotations=rotations)
+        return replace(self, **tables, rotations=turned.reshape(self.rotations.shape) @ self.rotations)
 
     @property
     def curvature(self) -> Array:

@@ -507,8 +507,7 @@ def grow(search: Search, state: SearchState) -> SearchState:
 
     Where several leave more than noise, they are exchanged. What first order hardly shows is tried where nothing helps.
     """
-    settings = search.settings
-    most_effects = 1 if criteria.lacks_test(state.problem, state.declared) else settings.max_effects
+    most_effects = 1 if criteria.lacks_test(state.problem, state.declared) else search.settings.max_effects
     before = state.best
     for number in itertools.count(1):
         if number > 1 and not search.explained(state) and state.best.cost > criteria.HALVED * before.cost:

@@ -142,8 +142,7 @@ def _remaining(explained: bool, tests: Sequence[Structure]) -> Remainder:
     groups = [t.group for t in tests if t.p_value < SIGNIFICANCE and t.group != ALL_READINGS]
     if not groups:
         return Remainder(ALL_READINGS, "more than noise is left, in no group of readings more than in others")
-    listed = ", ".join(groups[:3])
-    return Remainder(groups[0], f"the residual is least like noise in: {listed}")
+    return Remainder(groups[0], f"the residual is least like noise in: {', '.join(groups[:3])}")
 
 
 def _by_set(problem: FitProblem, declared: Fit, best: Fit) -> Iterator[SetErrors]:

@@ -51,8 +51,7 @@ def test_sigma_is_estimated_from_scatter_about_smooth_curves():
     data = measured(given=False)
     steps = np.array([r.step for r in data.readings])
     noise = np.random.default_rng(1).normal(0.0, 2e-4, len(data.readings))
-    sigma = estimate_sigma(data, 1e-3 * steps + noise)
-    assert sigma[0] == pytest.approx(2e-4, rel=0.4)
+    assert estimate_sigma(data, 1e-3 * steps + noise)[0] == pytest.approx(2e-4, rel=0.4)
 
 
 def test_noise_passes_and_structure_does_not():

@@ -87,8 +87,7 @@ def test_data_that_turn_at_every_step_keep_pieces_without_gaps():
     steps = tuple(LoadStep(tensions={"t1": a, "t2": b}) for a, b in draw.tolist())
     data = replace(data, steps=steps, branches=("",) * len(steps))
     found = choose_rows(data, range(60, 120))
-    gaps = np.flatnonzero(np.diff(found.steps) > 1)
-    pieces = np.diff([-1, *gaps, len(found.steps) - 1])
+    pieces = np.diff([-1, *np.flatnonzero(np.diff(found.steps) > 1), len(found.steps) - 1])
     assert len(found.steps) > 40 and np.median(pieces) >= 2 * IN_BRANCH
     assert {k in range(60, 120) for k in found.steps} == {True, False}
 
