@@ -137,8 +137,7 @@ def _beside_robot(result: IdentificationResult, final: Experiment, table: Table)
     """Experiment and effects that give the final one, with all that acts on the robot alone in the robot."""
     simulated = result.simulated
     base = replace(simulated.commanded, robot=final.robot)
-    changes = _changes(result, table)
-    inside = {n: table[n] for n, a, b in changes if (b.model, b.steps) != (a.model, a.steps)}
+    inside = {n: table[n] for n, a, b in _changes(result, table) if (b.model, b.steps) != (a.model, a.steps)}
     again = with_effects(base, inside, simulated.catalogue)
     if (again.robot, again.model, again.steps) == (final.robot, final.model, final.steps):
         return base, inside
@@ -151,8 +150,7 @@ def _with_robot_as_declared(result: IdentificationResult, table: Table) -> tuple
     if result.law is None:
         return commanded, table
     unnamed = {e.name for e in result.law.causes}
-    changes = _changes(result, table)
-    inside = {n: table[n] for n, a, b in changes if n not in unnamed and b.steps == a.steps}
+    inside = {n: table[n] for n, a, b in _changes(result, table) if n not in unnamed and b.steps == a.steps}
     return replace(result.simulated.corrected, robot=commanded.robot, model=commanded.model), inside
 
 

@@ -114,8 +114,7 @@ def at_bound(problem: FitProblem, fit: Fit) -> bool:
     z, start = (problem.coordinates(fit.effects, x, fit.free)[:, None] for x in (fit.values, null))
     limits = problem.limits(fit.effects, fit.free)
     near = 1e-6 * np.maximum(np.ptp(limits, axis=1), 1e-300)[:, None]
-    reached = (np.abs(z - limits) <= near) & (np.abs(start - limits) > near)
-    return bool(np.any(reached & (limits != 0.0)))
+    return bool(np.any((np.abs(z - limits) <= near) & (np.abs(start - limits) > near) & (limits != 0.0)))
 
 
 def rank(problem: FitProblem, fit: Fit) -> float:

@@ -123,8 +123,7 @@ class _Grid:
         price = 2.0 * np.log(total) / total * (fault.chosen + (np.arange(len(left)) > 0))
         cost = np.where(left < 0.8 * total, np.inf, since(squares) / np.maximum(left, 1.0) + price)
         k = int(np.argmin(cost))
-        text = f"from step {self.steps[k]} on " if k else ""
-        return float(cost[k]), fault.text.format(since=text), k
+        return float(cost[k]), fault.text.format(since=f"from step {self.steps[k]} on " if k else ""), k
 
 
 def data_fault(problem: FitProblem, declared: Fit) -> str:
@@ -384,10 +383,9 @@ def _other_drives(problem: FitProblem, declared: Fit, grid: _Grid) -> tuple[floa
         changes.append((_Drive({}, displacements=-1.0), "displacements have the opposite sign"))
     if any(step.loads for step in declared_drive.steps):
         changes.append((_Drive({}, forces=-1.0), "forces at the tip have the opposite sign"))
-    drives = [declared_drive, *(_driven(declared_drive, change) for change, _ in changes)]
-    free = [
-        join_steps(replace(d, model=replace(d.model, friction="none", elements_per_bay=1))) for d in drives
-    ]
+    model = replace(declared_drive.model, friction="none", elements_per_bay=1)
+    plain = replace(declared_drive, model=model)
+    free = [join_steps(plain), *(join_steps(_driven(plain, change)) for change, _ in changes)]
     runs = problem.run([Job(e) for e in free])
     here, *others = [problem.residual(e, run) for e, run in zip(free, runs, strict=True)]
     judged = []

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tdcr_fe.effects import Effect, Experiment
+from tdcr_fe.effects import EFFECTS, Effect, Experiment
 from tdcr_fe.identify import fitting
 from tdcr_fe.identify.criteria import WORTHWHILE, robust_threshold, unusable_data
 from tdcr_fe.identify.data_faults import data_fault, other_sign_solves
@@ -166,7 +166,7 @@ def prepare(data: MeasuredData, settings: IdentifySettings, forward: ForwardMode
     held = held_out_branches(data, patterns) if patterns else choose_held_out(data, settings.hold_out)
     held_out = np.isin(read_rows(data), held)
     problem = FitProblem.of(data, np.ones(len(data.readings)), held_out, forward, settings.path_tolerance)
-    problem = replace(problem, catalogue=settings.catalogue)
+    problem = replace(problem, catalogue=(*EFFECTS, *settings.own_effects))
     residual = np.full(problem.count, np.nan)
     if any(r.sigma is None for r in data.readings):
         residual = evaluate(problem, (), {}).residual
@@ -175,8 +175,7 @@ def prepare(data: MeasuredData, settings: IdentifySettings, forward: ForwardMode
     is_position = problem.readings.is_position
     if np.any(is_position):
         share = PATH_SHARE * float(np.median(sigma[is_position])) / data.robot.backbone.length
-        tolerance = float(np.clip(share, problem.path_tolerance, LOOSEST))
-        problem = replace(problem, path_tolerance=tolerance)
+        problem = replace(problem, path_tolerance=float(np.clip(share, problem.path_tolerance, LOOSEST)))
     rows, searched, frictional = choose_rows(data, held), problem, None
     if rows is not None:
         searched = problem_of_rows(problem, rows)

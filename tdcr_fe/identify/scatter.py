@@ -176,10 +176,8 @@ def _near(problem: FitProblem, fit: Fit, source: _Source, values: Array) -> _Sou
     if source.what == "positions":
         return source
     if source.bay is None:
-        (found,) = _errors(problem, fit, source.unit, values)
-    else:
-        (found,) = _forces(problem, fit, [source.bay], values)
-    return found
+        return _errors(problem, fit, source.unit, values)[0]
+    return _forces(problem, fit, [source.bay], values)[0]
 
 
 def _errors(problem: FitProblem, fit: Fit, unit: str = "", near: Array | None = None) -> list[_Source]:
@@ -216,11 +214,10 @@ def _starts(
 
 def _with_errors(experiment: Experiment, errors: Array) -> Experiment:
     """The experiment, possibly with divided steps, with errors of the inputs, shape (K, n_tendons)."""
-    steps, number = [], {n: i for i, n in enumerate(experiment.robot.tendon_names)}
+    steps, names = [], experiment.robot.tendon_names
     for step, here in at_ends(experiment, errors):
-        moved: dict[str, Any] = {}
-        for drive, own in step.inputs():
-            moved[drive.inputs] = {n: x + float(here[number[n]]) for n, x in own.items()}
+        by = dict(zip(names, here.tolist(), strict=True))
+        moved: Any = {d.inputs: {n: x + by[n] for n, x in own.items()} for d, own in step.inputs()}
         moved["tensions"] = {n: max(x, 0.0) for n, x in moved["tensions"].items()}
         steps.append(replace(step, **moved))
     return replace(experiment, steps=tuple(steps))

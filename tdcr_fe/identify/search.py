@@ -547,13 +547,11 @@ def grow(search: Search, state: SearchState) -> SearchState:
                 break
         entries = [_entry(state, number, x) for x in pool[:SHOWN]]
         state = state.logged(candidates=(*state.log.candidates, *entries))
-        best = state.best
-        if best is before:
+        if state.best is before:
             reason = "improves fitted and held-out steps" if pool else "is significant"
             state = state.with_history(f"round {number}: no candidate {reason}")
             continue
-        state = refined(state)
-        state = backward_selection(search, state)
+        state = backward_selection(search, refined(state))
         best = state.best
         fitted, held_out = _mean_costs(state.problem, best)
         left = f"misfit per reading {fitted:.3g} on fitted and {held_out:.3g} on held-out steps"

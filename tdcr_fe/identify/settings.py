@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, NamedTuple
 
-from tdcr_fe.effects import EFFECTS, Effect
+from tdcr_fe.effects import Effect
 
 
 @dataclass(frozen=True)
@@ -51,11 +51,6 @@ class IdentifySettings:
     hold_out_branches: tuple[str, ...] = ()
     path_tolerance: float = 5e-5
     own_effects: tuple[Effect, ...] = ()
-
-    @property
-    def catalogue(self) -> tuple[Effect, ...]:
-        """All candidates, in the order in which several are applied."""
-        return (*EFFECTS, *self.own_effects)
 
 
 class Part(StrEnum):
