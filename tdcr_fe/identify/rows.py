@@ -265,9 +265,9 @@ def _simplified(table: Array, branch: Sequence[int]) -> list[int]:
 def _farthest(x: Array, first: int, last: int) -> tuple[float, float, int]:
     """How far the farthest step between two is from the straight path, how long that is, and that step."""
     chord = x[last] - x[first]
-    length, inner = float(np.max(np.abs(chord))), x[first + 1 : last] - x[first]
-    along = inner @ chord / max(float(chord @ chord), 1e-300)
-    gap = np.max(np.abs(inner - np.clip(along, 0.0, 1.0)[:, None] * chord), axis=1)
+    length, inner = float(np.max(np.abs(chord))), x[first + 1 : last]
+    along = (inner - x[first]) @ chord / max(float(chord @ chord), 1e-300)
+    gap = np.max(np.abs(inner - (x[first] + np.clip(along, 0.0, 1.0)[:, None] * chord)), axis=1)
     if np.max(gap) < STRAIGHT:
         return 0.0, length, first + 1 + int(np.argmin(np.abs(along - 0.5)))
     return float(np.max(gap)), length, first + 1 + int(np.argmax(gap))
