@@ -30,7 +30,7 @@ BUDGET = {
     "tdcr_fe/commands": 767,
     "tdcr_fe/effects": 1230,
     "tdcr_fe/estimate": 1105,
-    "tdcr_fe/identify": 6147,
+    "tdcr_fe/identify": 6146,
     "tdcr_fe/io": 1777,
     "tdcr_fe/live": 359,
     "tdcr_fe/model": 2443,

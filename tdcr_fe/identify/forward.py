@@ -152,7 +152,7 @@ def solve_commanded_steps(
     """
     try:
         result, _ = _differentiated(Job(experiment, reference), settings, deadline)
-    except IndexError:  # the path does not have all steps
+    except (IndexError, ValueError):  # the path does not have all steps, or is of another mesh
         result, _ = _differentiated(Job(experiment), settings, deadline)
     solved = len(result.steps)
     return replace(result, steps=tuple(result.steps[j] for j in experiment.whole_steps if j < solved))

@@ -229,9 +229,8 @@ def choose_rows(data: MeasuredData, held_out: Sequence[int], history: bool = Tru
     if len(rows) == len(data.steps):
         return None
     numbers = tuple(data.step_ids[k] for k in rows)
-    return RowChoice(
-        tuple(rows), numbers, tuple(np.flatnonzero(np.isin(read, rows)).tolist()), len(data.steps)
-    )
+    readings = tuple(np.flatnonzero(np.isin(read, rows)).tolist())
+    return RowChoice(tuple(rows), numbers, readings, len(data.steps))
 
 
 def _joined(branches: Sequence[Sequence[int]], held: set[int]) -> list[list[int]]:
