@@ -30,16 +30,16 @@ BUDGET = {
     "tdcr_fe/commands": 767,
     "tdcr_fe/effects": 1230,
     "tdcr_fe/estimate": 1105,
-    "tdcr_fe/identify": 6183,
+    "tdcr_fe/identify": 6146,
     "tdcr_fe/io": 1777,
     "tdcr_fe/live": 359,
     "tdcr_fe/model": 2443,
     "tdcr_fe/report": 1101,
     "tdcr_fe/scene": 1332,
-    "tdcr_fe/solve": 6323,
+    "tdcr_fe/solve": 6322,
     "tdcr_fe/sweeps": 1400,
     "validation": 6394,
-    "tests": 12497,
+    "tests": 12490,
 }
 #: Rooms that are no part of the product.
 BESIDE = ("tests", "validation")

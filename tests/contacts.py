@@ -43,8 +43,7 @@ def wall(mbs: exu.MainSystem, handle: TDCR, stiffness: float = STIFFNESS) -> Non
     ground = mbs.CreateGround()
     given = {"contactStiffness": stiffness, "dataInitialCoordinates": list(APART)}
     for disk in handle.bDisks[-6:]:
-        both = [disk, ground]
-        mbs.CreateSphereQuadContact(itemNumbers=both, sphereRadius=DISK, quadPoints=QUAD, **given)
+        mbs.CreateSphereQuadContact(itemNumbers=[disk, ground], sphereRadius=DISK, quadPoints=QUAD, **given)
 
 
 def soft_wall(mbs: exu.MainSystem, handle: TDCR) -> None:

@@ -137,8 +137,7 @@ def _beside_robot(result: IdentificationResult, final: Experiment, table: Table)
     """Experiment and effects that give the final one, with all that acts on the robot alone in the robot."""
     simulated = result.simulated
     base = replace(simulated.commanded, robot=final.robot)
-    changes = _changes(result, table)
-    inside = {n: table[n] for n, a, b in changes if (b.model, b.steps) != (a.model, a.steps)}
+    inside = {n: table[n] for n, a, b in _changes(result, table) if (b.model, b.steps) != (a.model, a.steps)}
     again = with_effects(base, inside, simulated.catalogue)
     if (again.robot, again.model, again.steps) == (final.robot, final.model, final.steps):
         return base, inside
@@ -151,8 +150,7 @@ def _with_robot_as_declared(result: IdentificationResult, table: Table) -> tuple
     if result.law is None:
         return commanded, table
     unnamed = {e.name for e in result.law.causes}
-    changes = _changes(result, table)
-    inside = {n: table[n] for n, a, b in changes if n not in unnamed and b.steps == a.steps}
+    inside = {n: table[n] for n, a, b in _changes(result, table) if n not in unnamed and b.steps == a.steps}
     return replace(result.simulated.corrected, robot=commanded.robot, model=commanded.model), inside
 
 
@@ -163,8 +161,7 @@ def _labelled(result: IdentificationResult, experiment: Experiment) -> Iterator[
     for j, (step, k) in enumerate(zip(experiment.steps, commanded, strict=True)):
         parts = commanded.count(k)
         part = commanded[: j + 1].count(k)
-        label = str(ids[k]) if part == parts else f"{ids[k]} (part {part} of {parts})"
-        yield replace(step, label=label)
+        yield replace(step, label=str(ids[k]) if part == parts else f"{ids[k]} (part {part} of {parts})")
 
 
 def replay(result: IdentificationResult, deadline: float = math.inf) -> SequenceResult:
@@ -192,10 +189,8 @@ def replay(result: IdentificationResult, deadline: float = math.inf) -> Sequence
         The deadline has passed.
     """
     simulated = result.simulated
-    model = replace(simulated.corrected.model, elements_per_bay=simulated.commanded.model.elements_per_bay)
     path = simulated.path if result.law is None else None
-    experiment = replace(simulated.corrected, model=model)
-    solved = solve_commanded_steps(experiment, simulated.solver, deadline, path)
+    solved = solve_commanded_steps(simulated.corrected, simulated.solver, deadline, path)
     named = zip(solved.steps, result.data.step_ids, result.data.branches, strict=False)
     return replace(solved, steps=tuple(replace(s, step=n, label=branch) for s, n, branch in named))
 

@@ -114,8 +114,7 @@ def at_bound(problem: FitProblem, fit: Fit) -> bool:
     z, start = (problem.coordinates(fit.effects, x, fit.free)[:, None] for x in (fit.values, null))
     limits = problem.limits(fit.effects, fit.free)
     near = 1e-6 * np.maximum(np.ptp(limits, axis=1), 1e-300)[:, None]
-    reached = (np.abs(z - limits) <= near) & (np.abs(start - limits) > near)
-    return bool(np.any(reached & (limits != 0.0)))
+    return bool(np.any((np.abs(z - limits) <= near) & (np.abs(start - limits) > near) & (limits != 0.0)))
 
 
 def rank(problem: FitProblem, fit: Fit) -> float:
@@ -273,7 +272,6 @@ def mostly_estimated_noise(data: MeasuredData) -> str:
 def motion_over_noise(problem: FitProblem, declared: Fit) -> float:
     """Predicted readings less those of the straight, unloaded robot, rms over sigma [1]."""
     at_rest = np.array([r.channel.at_rest(r.location) for r in problem.data.readings])
-    predicted = problem.readings.values / problem.sigma - declared.residual
-    motion = predicted - at_rest / problem.sigma
+    motion = (problem.readings.values / problem.sigma - declared.residual) - at_rest / problem.sigma
     known = motion[np.isfinite(motion)]
     return float(np.sqrt(np.mean(known**2))) if known.size else 0.0

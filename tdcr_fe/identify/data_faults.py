@@ -86,8 +86,7 @@ class _Grid:
         where = np.array(places) if at_tendons else arc_lengths(places)
         markers, column = np.unique(where, return_inverse=True)
         rows, row = np.unique(problem.readings.step[which], return_inverse=True)
-        axis = np.array([names.index(q) for q in problem.readings.quantities[which]], dtype=int)
-        at = row, column, axis
+        at = row, column, np.array([names.index(q) for q in problem.readings.quantities[which]], dtype=int)
         steps = tuple(problem.data.step_ids[k] for k in rows)
         measured, predicted, sigma = np.full((3, rows.size, markers.size, len(names)), np.nan)
         values = problem.readings.values
@@ -124,8 +123,7 @@ class _Grid:
         price = 2.0 * np.log(total) / total * (fault.chosen + (np.arange(len(left)) > 0))
         cost = np.where(left < 0.8 * total, np.inf, since(squares) / np.maximum(left, 1.0) + price)
         k = int(np.argmin(cost))
-        text = f"from step {self.steps[k]} on " if k else ""
-        return float(cost[k]), fault.text.format(since=text), k
+        return float(cost[k]), fault.text.format(since=f"from step {self.steps[k]} on " if k else ""), k
 
 
 def data_fault(problem: FitProblem, declared: Fit) -> str:
@@ -303,8 +301,7 @@ def _standing_still(problem: FitProblem, declared: Fit) -> str:
                 found.append((run.size, f"{first.quantity}{at} is {seen}, {why}"))
     if not found:
         return ""
-    more = f" ({len(found) - 1} more such stretches)" if len(found) > 1 else ""
-    return max(found)[1] + more
+    return max(found)[1] + (f" ({len(found) - 1} more such stretches)" if len(found) > 1 else "")
 
 
 # --------------------------------------------------------------------------------------- what would mend them
@@ -356,8 +353,7 @@ def _steps(grid: _Grid) -> Iterator[_Fault]:
         text = f"the readings are shifted: {{since}}those of each step appear {count} {way}"
         yield grid.mended(moved, text)
     r = (grid.measured[:, None] - grid.predicted[None, :]) / grid.sigma[:, None]
-    both = np.isfinite(r)
-    each = np.where(both, huber(r, NOISE_REACHES), NOISE_REACHES)
+    each = np.where(np.isfinite(r), huber(r, NOISE_REACHES), NOISE_REACHES)
     rows, columns = linear_sum_assignment(np.sum(each, axis=(2, 3)))
     others = int(np.count_nonzero(columns != rows))
     if others:
@@ -387,10 +383,9 @@ def _other_drives(problem: FitProblem, declared: Fit, grid: _Grid) -> tuple[floa
         changes.append((_Drive({}, displacements=-1.0), "displacements have the opposite sign"))
     if any(step.loads for step in declared_drive.steps):
         changes.append((_Drive({}, forces=-1.0), "forces at the tip have the opposite sign"))
-    drives = [declared_drive, *(_driven(declared_drive, change) for change, _ in changes)]
-    free = [
-        join_steps(replace(d, model=replace(d.model, friction="none", elements_per_bay=1))) for d in drives
-    ]
+    model = replace(declared_drive.model, friction="none", elements_per_bay=1)
+    plain = replace(declared_drive, model=model)
+    free = [join_steps(plain), *(join_steps(_driven(plain, change)) for change, _ in changes)]
     runs = problem.run([Job(e) for e in free])
     here, *others = [problem.residual(e, run) for e, run in zip(free, runs, strict=True)]
     judged = []

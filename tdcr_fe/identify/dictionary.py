@@ -130,17 +130,17 @@ def _along(problem: FitProblem) -> Iterator[Cause]:
                 s = 0.5 * (a + b) + 0.5 * (b - a) * np.array([-1.0, 1.0]) / math.sqrt(3.0)
                 factor = 1.0 / float(np.mean(profile.value(values, 1.0, s) ** -4.0))
                 patches.append(StiffnessPatch(a, b, factor, factor))
-            backbone = experiment.robot.backbone
-            return experiment.with_backbone(patches=(*backbone.patches, *patches))
+            return experiment.with_backbone(patches=(*experiment.robot.backbone.patches, *patches))
 
         def bent(experiment: Experiment, values: Values, profile: _Profile = profile) -> Experiment:
             backbone, edges = experiment.robot.backbone, experiment.robot.bay_edges
             middles = 0.5 * (edges[1:] + edges[:-1])
             each = ({n: values[f"kappa_{a}_{n}"] for n in profile.numbers} for a in "xy")
             x, y = (profile.value(numbers, 0.0, middles).tolist() for numbers in each)
-            bays = itertools.pairwise(edges.tolist())
-            bends = zip(x, y, strict=True)
-            patches = (StiffnessPatch(*bay, precurvature=k) for bay, k in zip(bays, bends, strict=True))
+            bends = zip(itertools.pairwise(edges.tolist()), x, y, strict=True)
+            patches = (
+                StiffnessPatch(*bay, precurvature=(about_x, about_y)) for bay, about_x, about_y in bends
+            )
             return experiment.with_backbone(patches=(*backbone.patches, *patches))
 
         def rougher(experiment: Experiment, values: Values, profile: _Profile = profile) -> Experiment:
@@ -294,8 +294,7 @@ def _loads_and_base(problem: FitProblem) -> Iterator[Cause]:
         turn = Rotation.from_rotvec([values["rot_x"], values["rot_y"], 0.0])
         turned = _with_loads(experiment, turn.inv().apply)
         gx, gy, gz = turn.inv().apply(experiment.model.gravity).tolist()
-        seen = Rotation.from_rotvec(experiment.observation.rotation) * turn
-        x, y, z = seen.as_rotvec().tolist()
+        x, y, z = (Rotation.from_rotvec(experiment.observation.rotation) * turn).as_rotvec().tolist()
         observation = replace(experiment.observation, rotation=(x, y, z))
         return replace(turned, model=replace(experiment.model, gravity=(gx, gy, gz)), observation=observation)
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from statistics import mode
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from tdcr_fe.elements import Array, Flags
+from tdcr_fe.identify.noise import series
 from tdcr_fe.identify.result import Estimate, IdentificationResult
-from tdcr_fe.identify.rows import FEWEST
+from tdcr_fe.identify.rows import FEWEST, read_rows
 from tdcr_fe.identify.sentences import of_markers
 from tdcr_fe.report.environment import shown_unit, words
 from tdcr_fe.report.style import CORRECTED, DECLARED, HELD_OUT, MEASURED, logarithmic, styled
@@ -44,9 +46,7 @@ def comparison(result: IdentificationResult) -> Figure:
         axes = figure.subplots(1, len(drawers), squeeze=False)[0]
         for ax, draw in zip(axes, drawers, strict=True):
             ax.set_visible(draw(ax, result))
-        fills = {"measured": MEASURED, "measured, held out": "white"}
-        if not result.held_out_steps:
-            del fills["measured, held out"]
+        fills = {"measured": MEASURED} | ({"measured, held out": "white"} if result.held_out_steps else {})
         drawn = _drawn(result, result.shapes.before, result.shapes.after)
         handles = [
             *(Line2D([], [], color=MEASURED, marker="o", ms=4, mfc=c, ls="none", label=t) for t, c in fills.items()),
@@ -135,8 +135,8 @@ def _inputs(result: IdentificationResult) -> tuple[Array, str]:
     data = result.data
     driven = data.driven_by_displacement
     inputs = [s.displacements if driven else s.tensions for s in data.steps]
-    values = [[own.get(n, 0.0) for n in data.robot.tendon_names] for own in inputs]
-    return np.array(values).reshape(len(data.steps), -1) * (1e3 if driven else 1.0), "mm" if driven else "N"
+    values = np.array([[own.get(n, 0.0) for n in data.robot.tendon_names] for own in inputs])
+    return (1e3 * values, "mm") if driven else (values, "N")
 
 
 def loop(result: IdentificationResult) -> tuple[int, range] | None:
@@ -196,19 +196,16 @@ def _loop(axes: Axes, result: IdentificationResult) -> bool:
 
 def _readings(axes: Axes, result: IdentificationResult) -> bool:
     """Readings of the most frequent quantity over the steps."""
-    keys = [(r.quantity, r.location) for r in result.data.readings]
-    key = max(dict.fromkeys(keys), key=keys.count)
-    chosen = [i for i, k in enumerate(keys) if k == key]
-    readings = [result.data.readings[i] for i in chosen]
-    value = np.array([r.value for r in readings])
-    factor, symbol = shown_unit(readings[0].unit, float(np.max(np.abs(value))))
-    k = np.array([result.data.step_ids.index(r.step) for r in readings])
+    chosen = max(series(result.data.readings), key=len)
+    value = np.array([result.data.readings[i].value for i in chosen])
+    first, k = result.data.readings[chosen[0]], read_rows(result.data)[chosen]
+    factor, symbol = shown_unit(first.unit, float(np.max(np.abs(value))))
     for residual, colour, _ in _drawn(result, result.residuals.before, result.residuals.after):
         axes.plot(k, factor * (value - residual[chosen]), color=colour, lw=1.3)
     _dots(axes, np.column_stack((k, factor * value)), result.shapes.held_out[k])
     _step_axis(axes, result)
-    where = "" if key[1] is None else f", {key[1]}"
-    axes.set_ylabel(f"{key[0].replace('_', ' ')}{where} [{symbol}]")
+    where = "" if first.location is None else f", {first.location}"
+    axes.set_ylabel(f"{first.quantity.replace('_', ' ')}{where} [{symbol}]")
     return True
 
 
@@ -230,12 +227,10 @@ def where_error_is(result: IdentificationResult) -> Figure:
     """
     readings, left = result.data.readings, result.residuals
     space = [i for i, r in enumerate(readings) if r.quantity.startswith("position_")]
-    units = [r.unit for r in readings]
-    unit = max(dict.fromkeys(units), key=units.count)
-    chosen = np.array(space or [i for i, u in enumerate(units) if u == unit])
+    unit = mode(r.unit for r in readings)
+    chosen = np.array(space or [i for i, r in enumerate(readings) if r.unit == unit])
     factor, symbol = (1e3, "mm") if space else shown_unit(unit, float(np.max(np.abs(left.before[chosen]))))
-    steps = [result.data.step_ids.index(readings[i].step) for i in chosen]
-    groups: dict[str, Sequence[float]] = {"load step": steps}
+    groups: dict[str, Any] = {"load step": read_rows(result.data)[chosen]}
     # the squares of the coordinates of a marker add up to that of its distance
     coordinates = len({readings[i].quantity for i in space}) or 1
     places = [readings[i].location for i in chosen]

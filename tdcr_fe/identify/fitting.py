@@ -133,11 +133,9 @@ def evaluated(
 
     ``along``: a model whose substeps the run takes, which is several times as fast.
     """
-    by_name = {e.name: e for e in effects}
     natural = {(e.name, p.name): p.scale for e in effects for p in e.parameters}
     scale = np.array([problem.scales.get(k, natural[k]) for k in free])  # typical steps
-    differences = zip(free, (0.2 * scale).tolist(), strict=True)
-    columns = tuple(Column(by_name[e], name, values[e], x) for (e, name), x in differences)
+    columns = columns_of(effects, values, free, 0.2 * scale)
     linear = yield Request(tuple(effects), values, columns, None if along is None else along.run)
     z = problem.coordinates(effects, values, free)
     null = problem.coordinates(effects, {e.name: e.null_values(problem.experiment) for e in effects}, free)
@@ -147,6 +145,13 @@ def evaluated(
     r, kept = linear.residual, tuple(itertools.compress(free, keep))
     of_path = r if along is None else along.path_residual
     return Fit(tuple(effects), values, r, *problem.cost(r), linear.matrix[:, keep], kept, linear.run, of_path)
+
+
+def columns_of(effects: Sequence[Effect], values: Point, free: Free, steps: Array) -> tuple[Column, ...]:
+    """Derivatives by free parameters, with the steps of differences in their coordinates, shape (p,)."""
+    by_name = {e.name: e for e in effects}
+    each = zip(free, steps.tolist(), strict=True)
+    return tuple(Column(by_name[e], name, values[e], x) for (e, name), x in each)
 
 
 def can_be_seen(changes: Array, reach: Array) -> Flags:
@@ -226,9 +231,7 @@ def linear_optimum(problem: FitProblem, now: Fit) -> Fit:
     """A fit at the best values that its linear model knows, as that predicts it."""
     step, _ = _proposal(problem, now, 0.0)
     values = problem.moved(now.effects, now.values, now.free, step)
-    residual = now.residual - now.jacobian @ step
-    cost, held_cost = problem.cost(residual)
-    return replace(now, values=values, residual=residual, cost=cost, held_cost=held_cost)
+    return problem.with_residual(replace(now, values=values), now.residual - now.jacobian @ step)
 
 
 def reachable_cost(problem: FitProblem, now: Fit) -> float:
@@ -299,8 +302,7 @@ def covariance(problem: FitProblem, fit: Fit) -> Array:
     j, r = _weighted(problem, fit)
     norm = np.maximum(np.linalg.norm(j, axis=0), 1e-300)
     inner = np.linalg.pinv((j / norm).T @ (j / norm), rcond=1e-10)
-    dof = max(1, len(r) - len(fit.free))
-    factor = max(1.0, fit.cost / dof)
+    factor = max(1.0, fit.cost / max(1, len(r) - len(fit.free)))
     # The extrapolated error of mesh and path is known to about a third; so is its effect on the parameters.
     w = problem.root_weights(fit.residual)[problem.fitted]
     shift = inner / np.outer(norm, norm) @ (j.T @ (UNSURE * problem.correction[problem.fitted] * w))
@@ -313,8 +315,7 @@ def _bounded_step(j: Array, r: Array, damping: float, low: Array, high: Array) -
     scaled = np.concatenate((j / norm, np.sqrt(damping) * np.eye(len(norm))))
     right = np.concatenate((r, np.zeros(len(norm))))
     low, high = np.minimum(low * norm, -1e-12), np.maximum(high * norm, 1e-12)
-    solution = lsq_linear(scaled, right, (low, high), method="bvls")
-    return np.asarray(solution.x / norm)
+    return np.asarray(lsq_linear(scaled, right, (low, high), method="bvls").x / norm)
 
 
 def profiles(problem: FitProblem, fit: Fit) -> Iterator[Profile]:

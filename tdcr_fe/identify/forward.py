@@ -17,7 +17,7 @@ import numpy as np
 from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.bay_state import bay_state
 from tdcr_fe.identify.run import Run, RunDerivatives, Trajectories, Trajectory, mesh_nodes
-from tdcr_fe.identify.settings import OutOfTime, clock, ending_at, keep_time, spend
+from tdcr_fe.identify.settings import OutOfTime, clock, end_at, keep_time, spend
 from tdcr_fe.io.processes import worker_pool
 from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.model.results import SequenceResult
@@ -90,15 +90,13 @@ def simulate_experiment(job: Job, settings: SolverSettings, deadline: float = ma
             if not runs[-1].solved:
                 return runs[-1]
         return Run.joined(runs)
-    reference = None if job.reference is None else _on_own_mesh(job.reference, experiment)
-    least = settings.min_substep if reference is None else max(settings.min_substep, 1.0 / DIVISIONS)
+    least = settings.min_substep if job.reference is None else max(settings.min_substep, 1.0 / DIVISIONS)
     path: PathRecord | None = [] if job.record else None
     try:
-        bounded = replace(settings, min_substep=least)
-        result, refused = _differentiated(job, bounded, deadline, reference, path)
+        result, refused = _differentiated(job, replace(settings, min_substep=least), deadline, path)
     except (ValueError, np.linalg.LinAlgError, IndexError) as error:
         # an impossible robot, or a reference path that does not fit
-        if reference is not None:
+        if job.reference is not None:
             return simulate_experiment(job._replace(reference=None), settings, deadline)
         return Run.unsolved(str(error))
     # A run that cannot follow its reference path counts as not solved: it is too far away, and costly.
@@ -113,14 +111,6 @@ def simulate_experiment(job: Job, settings: SolverSettings, deadline: float = ma
         run = replace(run, derivatives=RunDerivatives.of(result.sensitivities, last, refused))
     trajectories = None if path is None else (Trajectory(path, experiment.step_ends, run.s),)
     return replace(run, trajectories=trajectories)
-
-
-def _on_own_mesh(reference: Trajectories, experiment: Experiment) -> Trajectory | None:
-    """The path of one loading sequence on the mesh of an experiment; None where it cannot be taken there."""
-    try:
-        return reference[0].on_mesh(mesh_nodes(experiment))
-    except ValueError:  # an impossible robot: the simulation says why
-        return None
 
 
 def _of_sequence(parameter: Parameter, number: int, steps: slice) -> Parameter:
@@ -160,25 +150,28 @@ def solve_commanded_steps(
     OutOfTime
         The deadline has passed.
     """
-    along = None if reference is None else _on_own_mesh(reference, experiment)
     try:
-        result, _ = _differentiated(Job(experiment), settings, deadline, along, None)
-    except IndexError:  # the path does not have all steps
-        result, _ = _differentiated(Job(experiment), settings, deadline, None, None)
+        result, _ = _differentiated(Job(experiment, reference), settings, deadline)
+    except (IndexError, ValueError):  # the path does not have all steps, or is of another mesh
+        result, _ = _differentiated(Job(experiment), settings, deadline)
     solved = len(result.steps)
     return replace(result, steps=tuple(result.steps[j] for j in experiment.whole_steps if j < solved))
 
 
 def _differentiated(
-    job: Job, settings: SolverSettings, deadline: float, reference: Trajectory | None, path: PathRecord | None
+    job: Job, settings: SolverSettings, deadline: float, path: PathRecord | None = None
 ) -> tuple[SequenceResult, dict[str, str]]:
-    """The simulation with all derivatives that there are; and those that there are not, with the reason."""
+    """The simulation of one loading sequence with all derivatives that there are; and why there are no others.
+
+    ``path``: where the path is recorded.
+    """
     from tdcr_fe.solve.sensitivities.differences import NoDerivative
     from tdcr_fe.solve.simulate import simulate
 
     experiment, refused = job.experiment, dict[str, str]()
-    along = None if reference is None else reference.divided(experiment.step_ends)
-    given = experiment.robot, experiment.model, experiment.steps, settings, ending_at(deadline)
+    meshed = None if job.reference is None else job.reference[0].on_mesh(mesh_nodes(experiment))
+    along = None if meshed is None else meshed.divided(experiment.step_ends)
+    given = experiment.robot, experiment.model, experiment.steps, settings, partial(end_at, deadline)
     while True:
         chosen = [p for p in job.parameters if p.name not in refused]
         try:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tdcr_fe.effects import Effect, Experiment
+from tdcr_fe.effects import EFFECTS, Effect, Experiment
 from tdcr_fe.identify import fitting
 from tdcr_fe.identify.criteria import WORTHWHILE, robust_threshold, unusable_data
 from tdcr_fe.identify.data_faults import data_fault, other_sign_solves
@@ -19,7 +19,7 @@ from tdcr_fe.identify.next_experiment import choose_next
 from tdcr_fe.identify.noise import estimate_sigma
 from tdcr_fe.identify.problem import Fit, FitProblem, Point, evaluate, fit_of_run, refine, with_elements
 from tdcr_fe.identify.result import IdentificationResult
-from tdcr_fe.identify.rows import RowChoice, choose_held_out, choose_rows, held_out_branches
+from tdcr_fe.identify.rows import RowChoice, choose_held_out, choose_rows, held_out_branches, read_rows
 from tdcr_fe.identify.run import Run
 from tdcr_fe.identify.scatter import errors_of_inputs, with_input_sigma
 from tdcr_fe.identify.search import search_causes, with_scatter
@@ -94,10 +94,10 @@ def _identified(data: MeasuredData, settings: IdentifySettings, search: Search) 
             state = _search(search, state, prepared, schedule)
             search.report("conclusions", 0.97)
     except KeyboardInterrupt:  # the workers have ended
-        if search.kept.state is None:
+        if not search.kept:
             raise
-        state = search.kept.state.with_history("interrupted; what was found until then is reported")
-        state = replace(state, interrupted=True)
+        state = search.kept[0].with_history("interrupted; what was found until then is reported")
+        state = state.logged(interrupted=True)
     return conclude(replace(search, deadline=begun + settings.time_limit), state, started)
 
 
@@ -110,7 +110,6 @@ class Prepared(NamedTuple):
     run: Run  # of the declared model, in that problem
     rows: RowChoice | None  # load steps that the search uses; None for all
     frictional: FitProblem | None  # where the search runs without friction: what its end runs with
-    sigma_estimated: bool  # whether any sigma was not given
 
 
 def _search(search: Search, state: SearchState, prepared: Prepared, schedule: Schedule) -> SearchState:
@@ -163,35 +162,31 @@ def _with_next(search: Search, state: SearchState) -> SearchState:
 
 def prepare(data: MeasuredData, settings: IdentifySettings, forward: ForwardModel) -> Prepared:
     """The problem with sigma known and steps held out; and that of the search, with mesh and path fine enough."""
-    if settings.hold_out_branches:
-        positions = set(held_out_branches(data, settings.hold_out_branches))
-    else:
-        positions = set(choose_held_out(data, settings.hold_out))
-    at = {n: k for k, n in enumerate(data.step_ids)}
-    held_out = np.array([at[r.step] in positions for r in data.readings])
+    patterns = settings.hold_out_branches
+    held = held_out_branches(data, patterns) if patterns else choose_held_out(data, settings.hold_out)
+    held_out = np.isin(read_rows(data), held)
     problem = FitProblem.of(data, np.ones(len(data.readings)), held_out, forward, settings.path_tolerance)
-    problem = replace(problem, catalogue=settings.catalogue)
+    problem = replace(problem, catalogue=(*EFFECTS, *settings.own_effects))
     residual = np.full(problem.count, np.nan)
     if any(r.sigma is None for r in data.readings):
         residual = evaluate(problem, (), {}).residual
-    sigma, estimated = estimate_sigma(data, residual)
+    sigma = estimate_sigma(data, residual)
     problem = with_input_sigma(replace(problem, sigma=sigma))
     is_position = problem.readings.is_position
     if np.any(is_position):
         share = PATH_SHARE * float(np.median(sigma[is_position])) / data.robot.backbone.length
-        tolerance = float(np.clip(share, problem.path_tolerance, LOOSEST))
-        problem = replace(problem, path_tolerance=tolerance)
-    rows, searched, frictional = choose_rows(data, sorted(positions)), problem, None
+        problem = replace(problem, path_tolerance=float(np.clip(share, problem.path_tolerance, LOOSEST)))
+    rows, searched, frictional = choose_rows(data, held), problem, None
     if rows is not None:
         searched = problem_of_rows(problem, rows)
         if friction_explains_little(searched):
             frictional = searched
-            rows = choose_rows(data, sorted(positions), history=False) or rows
+            rows = choose_rows(data, held, history=False) or rows
             searched = without_friction(problem_of_rows(problem, rows))
     run = searched.simulated((), {})
     if run.solved:
         searched, run = refine(searched, (), {}, run)
-    return Prepared(problem, searched, run, rows, frictional, estimated)
+    return Prepared(problem, searched, run, rows, frictional)
 
 
 def declared_state(prepared: Prepared) -> SearchState:
@@ -209,8 +204,7 @@ def declared_state(prepared: Prepared) -> SearchState:
         message = f"the declared model does not follow the loading sequence: {reason}"
         raise NotSolved(f"{message}{' ' if hint else ''}{hint}")
     problem = replace(problem, robust_threshold=robust_threshold(declared.residual))
-    state = SearchState.start(problem, fit_of_run(problem, (), {}, prepared.run))
-    return replace(state, rows=prepared.rows, sigma_estimated=prepared.sigma_estimated)
+    return SearchState.start(problem, problem.with_residual(declared, declared.residual), prepared.rows)
 
 
 # ---------------------------------------------------------------------------------------------- the end of long data
@@ -263,14 +257,12 @@ def fit_to_all_rows(search: Search, state: SearchState, problem: FitProblem) -> 
         # An iteration is followed by a run on the path of the new parameters.
         race = fitting.Race(deadline=search.deadline - 2.0 * duration)
         (best,) = fitting.run_fits(problem, [fitting.finish(problem, best, race)])
-    everything = state.begun_anew(problem, declared, best)
-    return _with_other_models(search, state, everything)
+    return _with_other_models(search, state, state.begun_anew(problem, declared, best))
 
 
 def _on_mesh_of(searched: FitProblem, problem: FitProblem) -> FitProblem:
     """A problem with the mesh on which a search ended, and with what it knows of typical steps and of the mesh."""
-    count = searched.experiment.model.starting_elements_per_bay
-    experiment = with_elements(problem.experiment, count)
+    experiment = with_elements(problem.experiment, searched.experiment.model.starting_elements_per_bay)
     return replace(problem, experiment=experiment, scales=searched.scales, mesh_error=searched.mesh_error)
 
 
@@ -278,13 +270,11 @@ def _evaluated(problem: FitProblem, best: Fit) -> tuple[FitProblem, list[Fit]]:
     """The declared model, and the best one with its derivatives, on all load steps, with the robust threshold there."""
     fits = [fitting.evaluated(problem, (), {}, ())]
     if best.effects:
-        start = _within(problem, best.effects, best.values)
-        fits.append(fitting.begin(problem, best.effects, start))
+        fits.append(fitting.begin(problem, best.effects, _within(problem, best.effects, best.values)))
     found = fitting.run_fits(problem, fits)
     if found[0].solved:
         problem = replace(problem, robust_threshold=robust_threshold(found[0].residual))
-    costs = [problem.cost(f.residual) for f in found]
-    return problem, [replace(f, cost=a, held_cost=b) for f, (a, b) in zip(found, costs, strict=True)]
+    return problem, [problem.with_residual(f, f.residual) for f in found]
 
 
 def _with_other_models(search: Search, searched: SearchState, state: SearchState) -> SearchState:
@@ -361,8 +351,7 @@ def with_friction(problem: FitProblem, search: Search, state: SearchState) -> Se
         The last one of the search, without friction.
     """
     search.report("the best model with friction", 0.8)
-    threshold = state.problem.robust_threshold
-    problem = replace(_on_mesh_of(state.problem, problem), robust_threshold=threshold)
+    problem = replace(_on_mesh_of(state.problem, problem), robust_threshold=state.problem.robust_threshold)
     without = evaluate(without_friction(problem), state.best.effects, state.best.values)
     race = fitting.Race(deadline=search.deadline)
     best = fitting.fit(problem, state.best.effects, state.best.values, race)

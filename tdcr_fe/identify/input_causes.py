@@ -161,8 +161,7 @@ class _Inputs(NamedTuple):
                 kind = Kind("input", (depends,), f"tendon {who}" if single else "everywhere")
                 price = math.log(len(laws) * (len(each) if single else 1))
                 price += PER_FACTOR * (depends != "nothing")
-                numbers = *own, *last
-                yield ChangedInputs(f"input {name} ({who})", kind, numbers, shape, text, price, held)
+                yield ChangedInputs(f"input {name} ({who})", kind, (*own, *last), shape, text, price, held)
 
     def waves(self) -> Iterator[Cause]:
         """Displacements off by a wave of themselves, as from a spool that runs out of true."""
@@ -227,8 +226,7 @@ class _Inputs(NamedTuple):
         text = "the inputs stay behind their commands"
 
         def lagging(experiment: Experiment, values: Values) -> Experiment:
-            shares = [values["share"]] * len(experiment.whole_steps)
-            return _behind(experiment, shares, of_commands=False)
+            return _behind(experiment, [values["share"]] * len(experiment.whole_steps), of_commands=False)
 
         def coming_late(experiment: Experiment, values: Values) -> Experiment:
             pauses = _pauses([experiment.steps[k] for k in experiment.whole_steps])

@@ -18,8 +18,8 @@ import numpy as np
 
 from tdcr_fe.elements import Array
 from tdcr_fe.identify.causes import BesideDescription
-from tdcr_fe.identify.derivatives import Column, Linear, Request, linearize_each
-from tdcr_fe.identify.fitting import covariance
+from tdcr_fe.identify.derivatives import Linear, Request, linearize_each
+from tdcr_fe.identify.fitting import columns_of, covariance
 from tdcr_fe.identify.noise import series
 from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.identify.result import NextExperiment
@@ -93,8 +93,7 @@ def candidate_sequences(problem: FitProblem) -> list[tuple[LoadStep, ...]]:
     ends = [*np.argmax(commands, axis=0), *np.argmin(commands, axis=0)[np.min(commands, axis=0) < 0.0]]
     extremes = _distinct([commands[int(k)] for k in ends if not np.array_equal(commands[int(k)], rest)])
     points = _distinct([*extremes, *(0.5 * (a + b) for a, b in itertools.combinations(extremes, 2))])
-    measured = tip_forces(actions)
-    forces = _distinct([f for f in measured if np.linalg.norm(f) > 0.0])
+    forces = _distinct([f for f in tip_forces(actions) if np.linalg.norm(f) > 0.0])
     forces = sorted(forces, key=lambda f: -float(np.linalg.norm(f)))[:MOST]
     names, length = data.robot.tendon_names, data.robot.backbone.length
     timed = [s.time for s in data.steps if s.time is not None]
@@ -109,9 +108,7 @@ def candidate_sequences(problem: FitProblem) -> list[tuple[LoadStep, ...]]:
         return LoadStep(tensions=tensions, displacements=displacements, loads=loads, time=time)
 
     none = np.zeros(3)
-    found = [(rest, force) for force in forces]
-    for force in forces or [none]:
-        found += [(p, force) for p in points]
+    found = [(rest, force) for force in forces] + [(p, force) for force in forces or [none] for p in points]
     chosen = [((p, none), (p, force), (0.5 * (p + rest), none)) for p, force in found[:CANDIDATES]]
     return [tuple(step(v, f, k) for k, (v, f) in enumerate(sequence)) for sequence in chosen]
 
@@ -151,9 +148,7 @@ def _solved(planned: Sequence[FitProblem], models: Sequence[_Model]) -> Iterator
     pairs = []
     for p, model in itertools.product(planned, models):
         fit, half = model.fit, 0.5 * np.sqrt(np.maximum(np.diag(model.spread), 1e-300))
-        by_name = {e.name: e for e in fit.effects}
-        steps = zip(fit.free, half.tolist(), strict=True)
-        columns = tuple(Column(by_name[e], name, fit.values[e], h) for (e, name), h in steps)
+        columns = columns_of(fit.effects, fit.values, fit.free, half)
         pairs.append((p, Request(fit.effects, fit.values, columns, record=False)))
     found = linearize_each(pairs)
     for i in range(len(planned)):

@@ -13,7 +13,7 @@ from scipy.special import chdtrc, ndtr, ndtri
 from tdcr_fe.elements import Array, Index
 from tdcr_fe.identify.problem import NOISE_REACHES, Fit, FitProblem
 from tdcr_fe.identify.result import Misfit, Structure
-from tdcr_fe.identify.rows import blocks, directions, inputs
+from tdcr_fe.identify.rows import blocks, directions, inputs, read_rows
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 
@@ -32,8 +32,8 @@ def series(readings: Sequence[Reading]) -> list[Index]:
     return [np.array(i) for i in found.values()]
 
 
-def estimate_sigma(data: MeasuredData, residual: Array) -> tuple[Array, bool]:
-    """Sigma of every reading, in its unit: what is given, or the scatter of the residual about smooth curves.
+def estimate_sigma(data: MeasuredData, residual: Array) -> Array:
+    """Sigma of every reading, in its unit, shape (n,): as given, or the scatter of the residual about smooth curves.
 
     The scatter is taken robustly from second differences along the steps, over all readings of the same kind.
 
@@ -43,17 +43,9 @@ def estimate_sigma(data: MeasuredData, residual: Array) -> tuple[Array, bool]:
         Readings.
     residual
         Reading less model, in the readings' units, shape (n,).
-
-    Returns
-    -------
-    sigma : ndarray, shape (n,)
-    estimated : bool
-        Whether any was missing.
     """
     sigma = np.array([math.nan if r.sigma is None else r.sigma for r in data.readings])
     missing = np.isnan(sigma)
-    if not np.any(missing):
-        return sigma, False
     family = np.array([r.channel.family for r in data.readings])
     for kind in set(family[missing].tolist()):
         own = [i for i in series(data.readings) if family[i[0]] == kind and i.size >= 3]
@@ -64,7 +56,7 @@ def estimate_sigma(data: MeasuredData, residual: Array) -> tuple[Array, bool]:
         known = data.readings[int(np.flatnonzero(family == kind)[0])].channel
         floor = known.plausible(data.robot.backbone.length).resolution
         sigma[missing & (family == kind)] = max(scatter, floor)
-    return sigma, True
+    return sigma
 
 
 def robust_scatter(values: Array) -> float:
@@ -79,8 +71,7 @@ def clipped(r: Array) -> Array:
 
 def chi_square_z_score(r: Array, parameters: int = 0) -> float:
     """Sum of squares against noise of unit variance, as a z-score (robust: residuals are clipped)."""
-    dof = max(1, r.size - parameters)
-    p = float(chdtrc(dof, float(np.sum(clipped(r) ** 2))))
+    p = float(chdtrc(max(1, r.size - parameters), float(np.sum(clipped(r) ** 2))))
     return float(-ndtri(max(p, 1e-300)))
 
 
@@ -109,8 +100,7 @@ def structure(data: MeasuredData, r: Array, parameters: int = 0) -> tuple[Struct
         The most significant first.
     """
     c, readings, tendons = clipped(r), data.readings, data.robot.tendon_names
-    position = {n: k for k, n in enumerate(data.step_ids)}
-    step = np.array([position[x.step] for x in readings])
+    step = read_rows(data)
     places = sorted({x.location for x in readings if isinstance(x.location, float)})
     table, moves = inputs(data), directions(data)
     loaded = np.abs(table[:, len(tendons) :]).max(axis=1) > 0.0
@@ -123,7 +113,7 @@ def structure(data: MeasuredData, r: Array, parameters: int = 0) -> tuple[Struct
         groups[f"tendon {name} being pulled"] = (moves[:, i] > 0)[step]
         groups[f"tendon {name} being let out"] = (moves[:, i] < 0)[step]
     groups |= {"loaded at the tip": loaded[step], "not loaded at the tip": ~loaded[step]}
-    groups |= {f"step {number}": step == k for number, k in position.items()}
+    groups |= {f"step {number}": step == k for k, number in enumerate(data.step_ids)}
     tests, share = [], 1.0 - parameters / max(r.size, parameters + 1)
     for group, mask in groups.items():
         n = int(np.count_nonzero(mask))
@@ -195,11 +185,11 @@ def predicted_residuals(problem: FitProblem, residuals: list[Array]) -> list[Arr
     A reading that is missing counts as no residual. The kernel is chosen by cross-validation over whole branches.
     """
     steps, data = problem.readings.step, problem.data
-    series: dict[tuple[str, object], int] = {}
-    column = np.array([series.setdefault((r.quantity, r.location), len(series)) for r in data.readings])
-    tables = np.zeros((len(residuals), len(data.steps), len(series)))
-    for table, residual in zip(tables, residuals, strict=True):
-        table[steps, column] = residual
+    column, each = np.zeros(steps.size, dtype=int), series(data.readings)
+    for number, own in enumerate(each):
+        column[own] = number
+    tables = np.zeros((len(residuals), len(data.steps), len(each)))
+    tables[:, steps, column] = residuals
     groups, fitted = _features(data), np.unique(steps[problem.fitted])
     tried = fitted[:: max(1, math.ceil(fitted.size / MOST_STEPS))]
     folds = _folds(data, tried)
@@ -213,8 +203,8 @@ def predicted_residuals(problem: FitProblem, residuals: list[Array]) -> list[Arr
             for found, table in zip(errors, left[:, tried], strict=True):
                 found.append((float(np.sum(table**2)), kernel, noise))
     chosen = [min(found, key=lambda x: x[0]) for found in errors]
-    each = ((table[None], kernel, noise) for table, (_, kernel, noise) in zip(tables, chosen, strict=True))
-    return [_regress(kernel, noise, table, fitted)[0][steps, column] for table, kernel, noise in each]
+    every = ((table[None], kernel, noise) for table, (_, kernel, noise) in zip(tables, chosen, strict=True))
+    return [_regress(kernel, noise, table, fitted)[0][steps, column] for table, kernel, noise in every]
 
 
 def _features(data: MeasuredData) -> tuple[Array, ...]:

@@ -151,6 +151,11 @@ class FitProblem:
         c = huber(r, self.robust_threshold)
         return float(np.sum(c[~self.held_out])), float(np.sum(c[self.held_out]))
 
+    def with_residual(self, fit: Fit, r: Array) -> Fit:
+        """A fit with another residual over sigma, and its cost by the measures of this problem."""
+        cost, held_cost = self.cost(r)
+        return replace(fit, residual=r, cost=cost, held_cost=held_cost)
+
     def root_weights(self, r: Array) -> Array:
         """Square roots of the weights that make squares of the residual robust, shape (n,)."""
         return np.sqrt(np.minimum(1.0, self.robust_threshold / np.maximum(np.abs(r), 1e-300)))
@@ -292,9 +297,7 @@ def fit_of_run(problem: FitProblem, effects: Sequence[Effect], values: Point, ru
     return Fit(tuple(effects), values, r, *problem.cost(r), np.zeros((r.size, 0)), (), run, r)
 
 
-def refine(
-    problem: FitProblem, effects: Sequence[Effect], values: Point, run: Run | None = None
-) -> tuple[FitProblem, Run]:
+def refine(problem: FitProblem, effects: Sequence[Effect], values: Point, run: Run) -> tuple[FitProblem, Run]:
     """Refine the mesh until its error stays below the noise near a point.
 
     A run with one element per bay more, which takes the same substeps, shows whether the mesh matters: two runs that
@@ -308,7 +311,7 @@ def refine(
     effects, values
         The model.
     run
-        Its run, with its path; None simulates it.
+        Its run, with its path.
 
     Returns
     -------
@@ -318,7 +321,6 @@ def refine(
         still count.
     """
     problem = replace(problem, correction=np.zeros(problem.count))
-    run = run or problem.simulated(effects, values)
 
     def with_model(count: int) -> Experiment:
         """With so many elements a bay, the model, and the loads of its run."""
@@ -362,13 +364,12 @@ def join_steps(experiment: Experiment) -> Experiment:
     """
     if experiment.model.friction != "none" or experiment.ends is None:
         return experiment
-    steps: list[LoadStep] = []
-    passed: LoadStep | None = None
+    steps, passed = [], LoadStep()
     for step, (_, factor) in zip(experiment.steps, experiment.ends, strict=True):
-        passed = step if passed is None else step.after(passed)
+        passed = step.after(passed)
         if factor == 1.0:
             steps.append(passed)
-            passed = None
+            passed = LoadStep()
     return replace(experiment, steps=tuple(steps), ends=None)
 
 

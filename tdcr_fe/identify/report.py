@@ -177,8 +177,7 @@ def write_result(
     except KeyboardInterrupt:  # the report is written without the 3D panel
         interrupted = True
     except OutOfTime:
-        log = replace(result.log, not_tried=(*result.log.not_tried, Part.TABLES))
-        result = replace(result, log=log)
+        result = replace(result, log=replace(result.log, not_tried=(*result.log.not_tried, Part.TABLES)))
         write_json(result.to_json(), folder / "result.json")
     try:
         with interruption_deferred():

@@ -347,7 +347,6 @@ class Residuals:
     before: Array
     after: Array
     sigma: Array  # used for every reading, in its unit, shape (n,)
-    sigma_estimated: bool = False  # whether any sigma was not given
     outliers: tuple[tuple[int, float], ...] = ()  # indices of outliers, and their residual over sigma
     tests: tuple[Structure, ...] = ()  # of what is left, most significant first
 
@@ -385,8 +384,8 @@ class SearchLog:
 class Simulated:
     """What repeats the run of the final model."""
 
-    # Robot, model, loading sequence and observation: the declared one with the mesh of the fit,
-    # and that with the effects that were added; causes without a name stand there as the loads that they give
+    # Robot, model with the mesh of the fit, loading sequence and observation: as declared, and with the effects that
+    # were added; causes without a name stand there as the loads that they give
     commanded: Experiment
     corrected: Experiment
     solver: SolverSettings
@@ -513,7 +512,7 @@ class IdentificationResult:
                 | {"residual_over_sigma": r}
                 for i, r in self.residuals.outliers
             ],
-            "sigma_estimated": self.residuals.sigma_estimated,
+            "sigma_estimated": any(r.sigma is None for r in readings),
             "mesh_error_over_sigma": self.simulated.mesh_error,
             "parameters": self.parameters.names,
             "correlation": self.parameters.correlation,

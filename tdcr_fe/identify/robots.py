@@ -165,8 +165,7 @@ def _fitted(
     """Criterion and numbers of every model on the data of one robot; infinite where it is not solved there."""
     found: dict[tuple[str, ...], tuple[float, dict[str, Estimate]]] = {}
     with ForwardModel(settings.processes, data.settings) as forward:
-        prepared = prepare(without_unread_steps(data), settings, forward)
-        state = declared_state(prepared)
+        state = declared_state(prepare(without_unread_steps(data), settings, forward))
         problem = state.problem
         known = {e.name: e for e in all_causes(state)}
         for names, point in models.items():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import heapq
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -43,6 +42,12 @@ def possible_starts(data: MeasuredData) -> range:
     return range(3, len(data.steps) - 2)
 
 
+def read_rows(data: MeasuredData) -> Index:
+    """Rows, from 0, to which the readings belong, shape (n,)."""
+    row = {n: k for k, n in enumerate(data.step_ids)}
+    return np.array([row[r.step] for r in data.readings], dtype=int)
+
+
 def tip_forces(actions: Sequence[Actuation]) -> Array:
     """Force on the tip in every step, shape (n_steps, 3)."""
     return np.array([a.loads["tip"].force if "tip" in a.loads else (0.0, 0.0, 0.0) for a in actions])
@@ -54,9 +59,7 @@ def inputs(data: MeasuredData) -> Array:
     commands = np.array([a.values for a in actions]).reshape(len(actions), -1)
     table = np.concatenate((commands, tip_forces(actions)), axis=1)
     for part in (slice(0, -3), slice(-3, None)):
-        largest = np.max(np.abs(table[:, part]), initial=0.0)
-        if largest > 0.0:
-            table[:, part] /= largest
+        table[:, part] /= np.max(np.abs(table[:, part]), initial=0.0) or 1.0
     return table
 
 
@@ -92,8 +95,7 @@ def choose_held_out(data: MeasuredData, share: float = 0.3) -> tuple[int, ...]:
     share
         Of the readings, about.
     """
-    position = {n: k for k, n in enumerate(data.step_ids)}
-    read = np.bincount([position[r.step] for r in data.readings], minlength=len(data.steps)).astype(float)
+    read = np.bincount(read_rows(data), minlength=len(data.steps)).astype(float)
     with_readings = np.flatnonzero(read)
     if with_readings.size < FEWEST:
         return ()
@@ -138,8 +140,7 @@ def held_out_branches(data: MeasuredData, patterns: Sequence[str]) -> tuple[int,
     InputError
         A pattern matches no branch with readings, or the patterns leave nothing to fit. The message names the branches.
     """
-    read = {r.step for r in data.readings}
-    with_readings = [k for k, n in enumerate(data.step_ids) if n in read]
+    with_readings = np.unique(read_rows(data)).tolist()
     names = list(dict.fromkeys(data.branches[k] for k in with_readings if data.branches[k]))
     there = f"branches with readings are {', '.join(names)}" if names else "loading.csv names no branches"
     unmatched = [p for p in patterns if not any(fnmatchcase(name, p) for name in names)]
@@ -213,9 +214,8 @@ def choose_rows(data: MeasuredData, held_out: Sequence[int], history: bool = Tru
     """
     if len(data.steps) <= LONG or data.parts:
         return None
-    read = {r.step for r in data.readings}
-    with_readings = {k for k, n in enumerate(data.step_ids) if n in read}
-    table, held = inputs(data), set(held_out)
+    read, table, held = read_rows(data), inputs(data), set(held_out)
+    with_readings = set(read.tolist())
     branches = [own for b in blocks(data) if (own := [k for k in b if k in with_readings])]
     if len(with_readings) < IN_BRANCH * len(branches):
         branches = _joined(branches, held)
@@ -225,13 +225,12 @@ def choose_rows(data: MeasuredData, held_out: Sequence[int], history: bool = Tru
     total = max(SEARCHED, (2 * IN_BRANCH + 1) * int(np.count_nonzero(np.ptp(table, axis=0))))
     total *= 1 if history else 2
     share = round(HELD_OUT * total)
-    shares = zip(groups, (share, total - share), strict=True)
-    rows = sorted(k for group, most in shares for k in _spread(table, group, most))
+    rows = sorted([*_spread(table, groups[0], share), *_spread(table, groups[1], total - share)])
     if len(rows) == len(data.steps):
         return None
-    chosen = tuple(data.step_ids[k] for k in rows)
-    readings = tuple(np.flatnonzero(np.isin([r.step for r in data.readings], chosen)).tolist())
-    return RowChoice(tuple(rows), chosen, readings, len(data.steps))
+    numbers = tuple(data.step_ids[k] for k in rows)
+    readings = tuple(np.flatnonzero(np.isin(read, rows)).tolist())
+    return RowChoice(tuple(rows), numbers, readings, len(data.steps))
 
 
 def _joined(branches: Sequence[Sequence[int]], held: set[int]) -> list[list[int]]:
@@ -255,30 +254,22 @@ def _simplified(table: Array, branch: Sequence[int]) -> list[int]:
     The first, the last, and then always the step farthest from the straight path between its neighbours; where the path
     is straight, that in the middle of the longest part.
     """
-    x = table[list(branch)]
-    kept = {0, len(branch) - 1}
-    parts: list[tuple[float, float, int, int, int]] = []
+    x, kept = table[list(branch)], sorted({0, len(branch) - 1})
+    while len(kept) < min(IN_BRANCH, len(branch)):
+        inside = [_farthest(x, a, b) for a, b in itertools.pairwise(kept) if b - a > 1]
+        kept = sorted((*kept, max(inside, key=lambda found: found[:2])[2]))
+    return [branch[i] for i in kept]
 
-    def add(first: int, last: int) -> None:
-        if last - first < 2:
-            return
-        chord = x[last] - x[first]
-        along = (x[first + 1 : last] - x[first]) @ chord / max(float(chord @ chord), 1e-300)
-        on = x[first] + np.clip(along, 0.0, 1.0)[:, None] * chord
-        gap = np.max(np.abs(x[first + 1 : last] - on), axis=1)
-        at = first + 1 + int(np.argmax(gap))
-        far = float(np.max(gap))
-        if far < STRAIGHT:
-            at, far = first + 1 + int(np.argmin(np.abs(along - 0.5))), 0.0
-        heapq.heappush(parts, (-far, -float(np.max(np.abs(chord))), first, at, last))
 
-    add(0, len(branch) - 1)
-    while parts and len(kept) < IN_BRANCH:
-        _, _, first, at, last = heapq.heappop(parts)
-        kept.add(at)
-        add(first, at)
-        add(at, last)
-    return [branch[i] for i in sorted(kept)]
+def _farthest(x: Array, first: int, last: int) -> tuple[float, float, int]:
+    """How far the farthest step between two is from the straight path, how long that is, and that step."""
+    chord = x[last] - x[first]
+    length, inner = float(np.max(np.abs(chord))), x[first + 1 : last]
+    along = (inner - x[first]) @ chord / max(float(chord @ chord), 1e-300)
+    gap = np.max(np.abs(inner - (x[first] + np.clip(along, 0.0, 1.0)[:, None] * chord)), axis=1)
+    if np.max(gap) < STRAIGHT:
+        return 0.0, length, first + 1 + int(np.argmin(np.abs(along - 0.5)))
+    return float(np.max(gap)), length, first + 1 + int(np.argmax(gap))
 
 
 def _spread(table: Array, branches: Sequence[Sequence[int]], most: int) -> list[int]:

@@ -43,20 +43,15 @@ class Trajectory:
             return self.waypoints
         increments: list[Increment] = []
         places: list[float] = []  # of their ends: number of the commanded step and its load factor
-        begin = 0.0
-        for part, (k, factor) in zip(self.waypoints, self.ends, strict=True):
-            begin, end = max(begin, k), k + factor
+        for part, (begin, end) in zip(self.waypoints, _spans(self.ends), strict=True):
             increments += part
             places += [begin + (end - begin) * x.load_factor for x in part]
-            begin = end
-        divided, begin = [], 0.0
-        for k, factor in ends:
-            begin, end = max(begin, k), k + factor
+        divided = []
+        for begin, end in _spans(ends):
             first, last = np.searchsorted(places, (begin + 1e-9, end - 1e-9)).tolist()
             some = zip(increments[first:last], places[first:last], strict=True)
             inside = [replace(x, load_factor=(at - begin) / (end - begin)) for x, at in some]
             divided.append([*inside, replace(increments[last], load_factor=1.0)])
-            begin = end
         return divided
 
     def on_mesh(self, s: Array) -> Trajectory:
@@ -73,6 +68,12 @@ class Trajectory:
             return self
         moved = [[replace(x, state=x.state.on_mesh(self.s, s)) for x in part] for part in self.waypoints]
         return replace(self, waypoints=moved, s=s)
+
+
+def _spans(ends: Ends) -> list[tuple[float, float]]:
+    """Where every step begins and ends, in numbers of commanded steps."""
+    stops = [k + factor for k, factor in ends]
+    return [(max(begin, k), end) for begin, end, (k, _) in zip((0.0, *stops[:-1]), stops, ends, strict=True)]
 
 
 #: Those of a run: one for each loading sequence.
@@ -135,8 +136,7 @@ class RunDerivatives:
             return np.asarray(getattr(part, field)[..., [part.names.index(n) for n in names]])
 
         tables: dict[str, Any] = {n: np.concatenate([chosen(part, n) for part in parts]) for n in _BY_STEP}
-        lengths = chosen(parts[0], "arc_lengths")
-        return cls(**tables, arc_lengths=lengths, names=names, refused=refused)
+        return cls(**tables, arc_lengths=chosen(parts[0], "arc_lengths"), names=names, refused=refused)
 
     def part(self, which: Sequence[int]) -> RunDerivatives:
         """By some of the parameters."""
@@ -216,8 +216,7 @@ class Run:
         """The run with a change added, to first order: derivatives by one parameter."""
         turned = Rotation.from_rotvec(change.rotations.reshape(-1, 3)).as_matrix()
         tables = {n: getattr(self, n) + getattr(change, n)[..., 0] for n in _BY_STEP if n != "rotations"}
-        rotations = turned.reshape(self.rotations.shape) @ self.rotations
-        return replace(self, **tables, rotations=rotations)
+        return replace(self, **tables, rotations=turned.reshape(self.rotations.shape) @ self.rotations)
 
     @property
     def curvature(self) -> Array:

@@ -176,10 +176,8 @@ def _near(problem: FitProblem, fit: Fit, source: _Source, values: Array) -> _Sou
     if source.what == "positions":
         return source
     if source.bay is None:
-        (found,) = _errors(problem, fit, source.unit, values)
-    else:
-        (found,) = _forces(problem, fit, [source.bay], values)
-    return found
+        return _errors(problem, fit, source.unit, values)[0]
+    return _forces(problem, fit, [source.bay], values)[0]
 
 
 def _errors(problem: FitProblem, fit: Fit, unit: str = "", near: Array | None = None) -> list[_Source]:
@@ -216,11 +214,10 @@ def _starts(
 
 def _with_errors(experiment: Experiment, errors: Array) -> Experiment:
     """The experiment, possibly with divided steps, with errors of the inputs, shape (K, n_tendons)."""
-    steps, number = [], {n: i for i, n in enumerate(experiment.robot.tendon_names)}
+    steps, names = [], experiment.robot.tendon_names
     for step, here in at_ends(experiment, errors):
-        moved: dict[str, Any] = {}
-        for drive, own in step.inputs():
-            moved[drive.inputs] = {n: x + float(here[number[n]]) for n, x in own.items()}
+        by = dict(zip(names, here.tolist(), strict=True))
+        moved: Any = {d.inputs: {n: x + by[n] for n, x in own.items()} for d, own in step.inputs()}
         moved["tensions"] = {n: max(x, 0.0) for n, x in moved["tensions"].items()}
         steps.append(replace(step, **moved))
     return replace(experiment, steps=tuple(steps))
@@ -258,10 +255,10 @@ def _likeliest(problem: FitProblem, fit: Fit, source: _Source, inputs: Array) ->
 
     optimum = minimize_scalar(cost, bounds=EXPONENTS, method="bounded", options={"xatol": 1e-3})
     ratio = 10.0 ** float(optimum.x) / usual
-    errors = [b.right.T @ (b.along * ratio * b.strength / (1.0 + ratio * b.strength**2)) for b in blocks]
     values, left = np.zeros((len(inputs), source.by.shape[1])), source.residual.copy()
     active = np.zeros(values.shape, dtype=bool)
-    for b, own in zip(blocks, errors, strict=True):
+    for b in blocks:
+        own = b.right.T @ (b.along * ratio * b.strength / (1.0 + ratio * b.strength**2))
         values[b.step, b.active], active[b.step, b.active] = own, True
         left[b.readings] -= b.left @ (b.strength * (b.right @ own))
     nothing = 0.5 * problem.count * math.log(float(np.mean(fit.residual**2)))
@@ -271,7 +268,7 @@ def _likeliest(problem: FitProblem, fit: Fit, source: _Source, inputs: Array) ->
     noise = _noise_variance(blocks, ratio)
     size = float(np.sqrt(ratio * noise))
     if source.what == "inputs":
-        followed = _is_systematic(errors, blocks, inputs, fit.run.base_tensions)
+        followed = _is_systematic(values, active, inputs, fit.run.base_tensions)
     else:
         followed = _mostly_follow(values, active, inputs)
     rare = _are_rare(blocks, ratio)
@@ -279,25 +276,21 @@ def _likeliest(problem: FitProblem, fit: Fit, source: _Source, inputs: Array) ->
     return _Likeliest(source, gain, size, values, left, followed, rare, beyond)
 
 
-def _is_systematic(errors: Sequence[Array], blocks: Sequence[_Block], inputs: Array, tensions: Array) -> bool:
-    """Whether errors of inputs follow anything.
+def _is_systematic(values: Array, active: Flags, inputs: Array, tensions: Array) -> bool:
+    """Whether errors of inputs, where they are active, follow anything.
 
     A mean of a tendon that differs from zero, or a dependence on the input, the tension at the base and their squares,
     the direction in which the input has changed, the row, or the error in the step before.
     """
-    largest, count = max(float(np.max(np.abs(inputs))), 1e-300), inputs.shape[1]
-    tightest = max(float(np.max(tensions)), 1e-300)
-    before = np.zeros(count)
-    rows, goal = [], []
-    for block, own in zip(blocks, errors, strict=True):
-        last = inputs[block.step - 1] if block.step else np.zeros(count)
-        for i, error in zip(block.active, own, strict=True):
-            x, changed = inputs[block.step, i] / largest, np.sign(inputs[block.step, i] - last[i])
-            pull = tensions[block.step, i] / tightest
-            rows.append((*np.eye(count)[i], x, x * x, pull, pull * pull, changed, block.step, before[i]))
-            goal.append(error)
-            before[i] = error
-    return _depends(np.array(rows, dtype=float), np.array(goal))
+    row, tendon = np.nonzero(active)
+    x = inputs[active] / max(float(np.max(np.abs(inputs))), 1e-300)
+    pull = tensions[active] / max(float(np.max(tensions)), 1e-300)
+    changed = np.sign(np.diff(inputs, axis=0, prepend=0.0))[active]
+    before = np.zeros(values.shape)
+    for i, own in enumerate(active.T):
+        before[own, i] = np.concatenate(([0.0], values[own, i]))[:-1]
+    known = np.eye(len(active.T))[tendon], x, x * x, pull, pull * pull, changed, row, before[active]
+    return _depends(np.column_stack(known), values[active])
 
 
 def _mostly_follow(values: Array, active: Flags, inputs: Array) -> bool:

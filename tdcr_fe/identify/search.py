@@ -62,10 +62,14 @@ def all_causes(state: SearchState) -> tuple[Effect, ...]:
 
 
 def search_causes(search: Search, state: SearchState) -> SearchState:
-    """The whole search."""
+    """The whole search.
+
+    On a part of the load steps, to be faster, causes without a name are tried only once no listed effect improves the
+    model, and exchanges only at the end.
+    """
     search.report("the dictionary of causes", 0.03)
     every = all_causes(state)
-    if state.rows is not None:
+    if state.log.rows is not None:
         state = replace(state, dictionary=tuple(filter(is_named, every)))
         state = in_time(search, state, grow, Part.FURTHER_EFFECTS)
         state = replace(state, extended=frozenset())
@@ -90,7 +94,7 @@ def scores_beside(state: SearchState, fit: Fit, costly: bool = False) -> tuple[S
     """
     key = frozenset(fit.names)
     done, reference = state.scores.get(key, ([], fit))
-    seen = {x.effect.name for x in done} | state.refused.keys()
+    seen = {x.effect.name for x in done} | state.log.refused.keys()
     known = {e.listed for e in fit.effects}
     others = [e for e in state.dictionary if e.listed not in known and e.name not in seen]
     others = [e for e in others if costly or not _takes_a_run(e)]
@@ -104,7 +108,7 @@ def scores_beside(state: SearchState, fit: Fit, costly: bool = False) -> tuple[S
         state = replace(state, problem=replace(state.problem, scales={**state.problem.scales, **scales}))
         if not fit.effects:
             refused = {x.effect.name: x.note for x in scores if x.note and not x.effect.after}
-            state = replace(state, refused={**state.refused, **refused})
+            state = state.logged(refused={**state.log.refused, **refused})
     return state, done, reference
 
 
@@ -503,8 +507,7 @@ def grow(search: Search, state: SearchState) -> SearchState:
 
     Where several leave more than noise, they are exchanged. What first order hardly shows is tried where nothing helps.
     """
-    settings = search.settings
-    most_effects = 1 if criteria.lacks_test(state.problem, state.declared) else settings.max_effects
+    most_effects = 1 if criteria.lacks_test(state.problem, state.declared) else search.settings.max_effects
     before = state.best
     for number in itertools.count(1):
         if number > 1 and not search.explained(state) and state.best.cost > criteria.HALVED * before.cost:
@@ -516,7 +519,7 @@ def grow(search: Search, state: SearchState) -> SearchState:
         more = len(names) < most_effects and (names, singles.__name__) not in state.extended
         tries = _visible(search, state) if more else _hidden(search, state)
         # Several causes that leave more than noise may stand for others.
-        anew = (names, exchange.__name__) not in state.extended and state.rows is None
+        anew = (names, exchange.__name__) not in state.extended and state.log.rows is None
         if anew and len(state.best.effects) > 1 and not search.explained(state):
             state = exchange(search, state, progress, costly=False)
             if state.best is not before:
@@ -543,14 +546,12 @@ def grow(search: Search, state: SearchState) -> SearchState:
             if better and (search.explained(state) or not more):
                 break
         entries = [_entry(state, number, x) for x in pool[:SHOWN]]
-        state = replace(state, candidates=(*state.candidates, *entries))
-        best = state.best
-        if best is before:
+        state = state.logged(candidates=(*state.log.candidates, *entries))
+        if state.best is before:
             reason = "improves fitted and held-out steps" if pool else "is significant"
             state = state.with_history(f"round {number}: no candidate {reason}")
             continue
-        state = refined(state)
-        state = backward_selection(search, state)
+        state = backward_selection(search, refined(state))
         best = state.best
         fitted, held_out = _mean_costs(state.problem, best)
         left = f"misfit per reading {fitted:.3g} on fitted and {held_out:.3g} on held-out steps"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from tdcr_fe.effects import Effect
 from tdcr_fe.elements import Array
 from tdcr_fe.identify import criteria, fitting
 from tdcr_fe.identify.problem import Fit, FitProblem, fit_of_run, refine
-from tdcr_fe.identify.result import Candidate, NextExperiment, Profile, Scatter
+from tdcr_fe.identify.result import NextExperiment, Profile, Scatter, SearchLog
 from tdcr_fe.identify.rows import RowChoice
 from tdcr_fe.identify.scatter import with_input_sigma
 from tdcr_fe.identify.screening import Score
@@ -24,13 +25,6 @@ Names = frozenset[str]
 Progress = Callable[[str, float], None]
 
 
-@dataclass
-class Kept:
-    """The last complete state of a search, which remains where the search is interrupted or its time is over."""
-
-    state: SearchState | None = None  # none before the declared model is solved
-
-
 @dataclass(frozen=True)
 class Search:
     """What does not change during a search, and what it keeps."""
@@ -40,11 +34,13 @@ class Search:
     # reading of `tdcr_fe.identify.settings.clock` after which nothing further of the search begins, and fits
     # end where they are [s]
     deadline: float = math.inf
-    kept: Kept = field(default_factory=Kept)
+    # the last complete state, which remains where the search is interrupted or its time is over; none before the
+    # declared model is solved
+    kept: list[SearchState] = field(default_factory=list)
 
     def keep(self, state: SearchState) -> SearchState:
         """A complete state, which remains until the next one."""
-        self.kept.state = state
+        self.kept[:] = [state]
         return state
 
     @property
@@ -75,28 +71,20 @@ class SearchState:
     extended: frozenset[tuple[Names, str]] = frozenset()
     # parts of models that were fitted from the values of these, with them
     refits: frozenset[tuple[Names, Names]] = frozenset()
-    candidates: tuple[Candidate, ...] = ()  # result of each, for the report
-    refused: Mapping[str, str] = field(default_factory=dict)  # effects that are not tried, with the reason
     # by effect of the best model, those that explain the data as well
     rivals: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    history: tuple[str, ...] = ()
-    not_tried: tuple[str, ...] = ()  # parts of the identification for which its time did not suffice
-    interrupted: bool = False
+    log: SearchLog = field(default_factory=SearchLog)  # for the report
     # the fault of the data that explains the misfit of the declared model; empty where there is none
     data_fault: str = ""
     scatter: Scatter | None = None  # what is different in every step
     dictionary: tuple[Effect, ...] = ()  # all candidate causes
     next_experiment: NextExperiment | None = None
     profiles: tuple[Profile, ...] = ()  # of the parameters of the best model
-    # load steps that the search uses; None for all. On a part of them, to be faster, causes without a name are tried
-    # only once no listed effect improves the model, and exchanges only at the end
-    rows: RowChoice | None = None
-    sigma_estimated: bool = False  # whether any sigma was not given
 
     @classmethod
-    def start(cls, problem: FitProblem, declared: Fit) -> SearchState:
+    def start(cls, problem: FitProblem, declared: Fit, rows: RowChoice | None = None) -> SearchState:
         """With the declared model alone."""
-        return cls(problem, declared, declared, {frozenset(): declared})
+        return cls(problem, declared, declared, {frozenset(): declared}, log=SearchLog(rows=rows))
 
     def begun_anew(self, problem: FitProblem, declared: Fit, best: Fit) -> SearchState:
         """The search begun anew with another problem: of it only the declared and the best model are fitted."""
@@ -110,9 +98,10 @@ class SearchState:
 
     def without_trying(self, what: str) -> SearchState:
         """With a part of the identification for which its time did not suffice."""
-        if what in self.not_tried:
+        if what in self.log.not_tried:
             return self
-        return replace(self, not_tried=(*self.not_tried, what)).with_history(f"out of time: {what} not tried")
+        noted = self.logged(not_tried=(*self.log.not_tried, what))
+        return noted.with_history(f"out of time: {what} not tried")
 
     def ending_at(self, deadline: float) -> SearchState:
         """With another deadline of all simulations, see `FitProblem.deadline`."""
@@ -120,7 +109,11 @@ class SearchState:
 
     def with_history(self, sentence: str) -> SearchState:
         """With another sentence of history."""
-        return replace(self, history=(*self.history, sentence))
+        return self.logged(history=(*self.log.history, sentence))
+
+    def logged(self, **entries: Any) -> SearchState:
+        """With other entries of the log."""
+        return replace(self, log=replace(self.log, **entries))
 
 
 #: A part of an identification: from the state before it to that after it.
@@ -136,14 +129,14 @@ def in_time(search: Search, state: SearchState, stage: Stage, what: str) -> Sear
     try:
         return search.keep(stage(search, state))
     except OutOfTime:
-        return search.keep((search.kept.state or state).without_trying(what))
+        return search.keep(search.kept[0].without_trying(what))
 
 
 def cut_short(search: Search, state: SearchState, part: str) -> SearchState:
     """With a part noted as not tried if time ran out, more than noise is left, and nothing that could explain it is."""
     if not search.out_of_time or search.explained(state):
         return state
-    return state.without_trying(part) if MAY_EXPLAIN.isdisjoint(state.not_tried) else state
+    return state.without_trying(part) if MAY_EXPLAIN.isdisjoint(state.log.not_tried) else state
 
 
 def parent_of(state: SearchState, fit: Fit) -> Fit:
@@ -213,9 +206,8 @@ def _reweighted(state: SearchState) -> SearchState:
 
 def _shifted(problem: FitProblem, fit: Fit, shift: Array) -> Fit:
     """A fit with its residual shifted, and its cost by the measures of a problem."""
-    r = fit.residual + shift
-    cost, held_cost = problem.cost(r)
-    return replace(fit, residual=r, cost=cost, held_cost=held_cost, path_residual=fit.path_residual + shift)
+    moved = problem.with_residual(fit, fit.residual + shift)
+    return replace(moved, path_residual=fit.path_residual + shift)
 
 
 def as_good(search: Search, state: SearchState) -> list[Fit]:

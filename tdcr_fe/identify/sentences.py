@@ -262,8 +262,7 @@ def summary(result: IdentificationResult) -> str:
     numbers, pairs = fitted_numbers(result), correlations(result)
     if numbers:
         head = ("parameter", f"value{SPACE}±{SPACE}95{SPACE}%", "declared", "")
-        rows = [(f"{n.effect}: {n.parameter}", *n[2:]) for n in numbers]
-        lines += _aligned(head, *rows)
+        lines += _aligned(head, *[(f"{n.effect}: {n.parameter}", *n[2:]) for n in numbers])
     if pairs:
         lines += _aligned(("largest correlations", "", ""), *pairs)
     return "\n".join([*lines, *(f"    {text}" for texts in remarks(result).values() for text in texts)])

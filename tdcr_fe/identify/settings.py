@@ -6,14 +6,12 @@ simulations end under way: they raise `OutOfTime`, and what was complete before 
 
 from __future__ import annotations
 
-import math
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, NamedTuple
 
-from tdcr_fe.effects import EFFECTS, Effect
+from tdcr_fe.effects import Effect
 
 
 @dataclass(frozen=True)
@@ -53,11 +51,6 @@ class IdentifySettings:
     hold_out_branches: tuple[str, ...] = ()
     path_tolerance: float = 5e-5
     own_effects: tuple[Effect, ...] = ()
-
-    @property
-    def catalogue(self) -> tuple[Effect, ...]:
-        """All candidates, in the order in which several are applied."""
-        return (*EFFECTS, *self.own_effects)
 
 
 class Part(StrEnum):
@@ -155,24 +148,12 @@ def keep_time(task: int, reading: float, working: int) -> None:
         _CLOCK = _Clock(reading, time.process_time(), working, task)
 
 
-def ending_at(deadline: float) -> Callable[[Any], None] | None:
-    """Callback for the progress of a simulation, which ends it at a deadline; None where there is no deadline.
-
-    Parameters
-    ----------
-    deadline
-        Reading of `clock` [s].
+def end_at(deadline: float, progress: Any) -> None:
+    """Called with every progress of a simulation, to end it at a deadline, which is a reading of `clock` [s].
 
     Raises
     ------
     OutOfTime
-        By the callback.
     """
-    if math.isinf(deadline):
-        return None
-
-    def check(_: Any) -> None:
-        if clock() > deadline:
-            raise OutOfTime
-
-    return check
+    if clock() > deadline:
+        raise OutOfTime

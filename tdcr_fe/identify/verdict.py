@@ -32,7 +32,6 @@ from tdcr_fe.identify.result import (
     Parameters,
     Remainder,
     Residuals,
-    SearchLog,
     SetErrors,
     Shapes,
     Simulated,
@@ -55,7 +54,7 @@ def conclude(search: Search, state: SearchState, begun: float = 0.0) -> Identifi
     unlisted = criteria.probability_of_unlisted(best) if explained else 0.0
     undecided = _undecided(search, state, explained)
     ceiling = None
-    if not state.interrupted and (undecided is None or undecided.where in (THE_INPUTS, THE_NOISE)):
+    if not state.log.interrupted and (undecided is None or undecided.where in (THE_INPUTS, THE_NOISE)):
         if search.out_of_time:
             state = state.without_trying(Part.CEILING)
         else:
@@ -66,13 +65,10 @@ def conclude(search: Search, state: SearchState, begun: float = 0.0) -> Identifi
     certain = unlisted <= 1.0 - NAMED and all(e.kind_probability > NAMED for e in effects)
     held = {data.readings[i].step for i in np.flatnonzero(problem.held_out)}
     corrected = problem.acted(best.effects, best.values, best.run)
-    declared_mesh = replace(corrected.model, elements_per_bay=data.model.elements_per_bay)
     left = problem.lengths(declared.residual), problem.lengths(best.residual), problem.whole_sigma
     correlation = spread / np.maximum(np.outer(deviation, deviation), 1e-300)
-    tried = state.candidates, dict(state.refused), state.history, problem.forward.runs, wall_time
-    models = problem.experiment, replace(corrected, model=declared_mesh)
     catalogue = (*problem.catalogue, *(e for e in best.effects if isinstance(e, Cause)))
-    solver = run_settings(problem.forward.settings, problem.path_tolerance)
+    models = problem.experiment, corrected, run_settings(problem.forward.settings, problem.path_tolerance)
     return IdentificationResult(
         data=data,
         verdict=_verdict(state, undecided, explained, certain),
@@ -83,10 +79,10 @@ def conclude(search: Search, state: SearchState, begun: float = 0.0) -> Identifi
         held_out_steps=tuple(n for n in data.step_ids if n in held),
         remaining=undecided or _remaining(explained, tests),
         shapes=_shapes(problem, declared, best, held),
-        residuals=Residuals(*left, state.sigma_estimated, outliers(best.residual), tests[:12]),
+        residuals=Residuals(*left, outliers(best.residual), tests[:12]),
         parameters=Parameters(tuple(map(".".join, best.free)), correlation, state.profiles),
-        log=SearchLog(*tried, state.not_tried, state.interrupted, state.rows),
-        simulated=Simulated(*models, solver, catalogue, best.run.trajectories, problem.mesh_error),
+        log=replace(state.log, runs=problem.forward.runs, wall_time=wall_time),
+        simulated=Simulated(*models, catalogue, best.run.trajectories, problem.mesh_error),
         ceiling=ceiling,
         next_experiment=state.next_experiment,
         scatter=state.scatter,
@@ -127,9 +123,9 @@ def _verdict(state: SearchState, undecided: Remainder | None, explained: bool, c
     """The verdict: the first that holds; ``certain``: whether kinds and places of all causes are."""
     best = state.best
     verdicts = (
-        (Verdict.UNFINISHED, state.interrupted),
+        (Verdict.UNFINISHED, state.log.interrupted),
         (Verdict.CANNOT_TELL, undecided is not None),
-        (Verdict.UNFINISHED, not explained and not MAY_EXPLAIN.isdisjoint(state.not_tried)),
+        (Verdict.UNFINISHED, not explained and not MAY_EXPLAIN.isdisjoint(state.log.not_tried)),
         (Verdict.PARTLY_EXPLAINED, not explained and best.effects),
         (Verdict.UNEXPLAINED, not explained),
         (Verdict.LAW_FOUND, certain and not best.named),
@@ -146,8 +142,7 @@ def _remaining(explained: bool, tests: Sequence[Structure]) -> Remainder:
     groups = [t.group for t in tests if t.p_value < SIGNIFICANCE and t.group != ALL_READINGS]
     if not groups:
         return Remainder(ALL_READINGS, "more than noise is left, in no group of readings more than in others")
-    listed = ", ".join(groups[:3])
-    return Remainder(groups[0], f"the residual is least like noise in: {listed}")
+    return Remainder(groups[0], f"the residual is least like noise in: {', '.join(groups[:3])}")
 
 
 def _by_set(problem: FitProblem, declared: Fit, best: Fit) -> Iterator[SetErrors]:

@@ -42,12 +42,6 @@ def test_every_key_of_the_files_is_there(tmp_path):
         assert re.search(rf"\b{name}\b", scenario), name
 
 
-def commented(text):
-    """Lines that are commented-out keys with a value, by their number."""
-    found = re.compile(r"# (\w+) = (?!\.\.\.)")
-    return [(k, found.match(line)[1]) for k, line in enumerate(text.splitlines()) if found.match(line)]
-
-
 def test_a_default_that_is_commented_out_is_what_applies_without_it(tmp_path):
     """Examples of keys without a default, and keys of tables that are commented out, only have to be readable."""
     folder = begin(tmp_path, "robot")
@@ -55,9 +49,14 @@ def test_a_default_that_is_commented_out_is_what_applies_without_it(tmp_path):
     tried = 0
     for file in ("robot.toml", "scenario.toml"):
         text = (folder / file).read_text()
-        for k, name in commented(text):
-            lines = text.splitlines()
-            if lines[k - 1].startswith("# [") or name in ("stiffness", "displacements", "motor_angles"):
+        for k, line in enumerate(text.splitlines()):
+            found, lines = re.match(r"# (\w+) = (?!\.\.\.)", line), text.splitlines()  # a key with a value
+            name = found[1] if found else ""
+            if (
+                not name
+                or lines[k - 1].startswith("# [")
+                or name in ("stiffness", "displacements", "motor_angles")
+            ):
                 continue
             lines[k] = lines[k].removeprefix("# ")
             other = {"positions": "count", "friction": "friction_coefficient"}.get(name)

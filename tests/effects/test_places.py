@@ -93,6 +93,5 @@ def test_an_effect_at_a_fixed_place_is_the_listed_one_there(e):
     values = e.size_probes(DECLARED, place)[0][0]
     same = with_effect(DECLARED, e.name, **{**there.place, **values})
     assert there.apply(DECLARED, values).robot == same.robot
-    null = there.null_values(DECLARED)
-    assert distance(tips(there.apply(DECLARED, null)), tips(DECLARED)) < 1e-9
+    assert distance(tips(there.apply(DECLARED, there.null_values(DECLARED))), tips(DECLARED)) < 1e-9
     assert set(e.spread(DECLARED.robot, place)) == set(e.place_names)

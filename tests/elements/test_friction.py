@@ -104,9 +104,8 @@ COEFFICIENTS = [
 
 def with_coefficient(coefficient, model=None, **rest) -> TendonLaw:
     """Two tendons whose coefficients follow this with_coefficient, or are this number."""
-    given = {"mu": 0.0, "coefficients": (coefficient,) * 2}
-    if isinstance(coefficient, float):
-        given = {"mu": coefficient}
+    of_law = {"mu": 0.0, "coefficients": (coefficient,) * 2}
+    given = {"mu": coefficient} if isinstance(coefficient, float) else of_law
     return tendon_law(model or FRICTION_MODELS["per-hole"], **given, **rest)
 
 
@@ -119,8 +118,8 @@ def fan(coefficient, holes: int, total: float, base: float, pulled: float) -> np
     x = TendonLaw(parameters, FRICTION_MODELS["per-hole"])
     moved = lengths.copy()
     moved[0, -1] -= pulled
-    angles = np.full((1, holes), total / holes)
-    return x.evaluate(np.array([base]), CableShape(moved, angles), x.initial_state(), time=1.0).tension[0]
+    shape = CableShape(moved, np.full((1, holes), total / holes))
+    return x.evaluate(np.array([base]), shape, x.initial_state(), time=1.0).tension[0]
 
 
 # ---------------------------------------------------------------- closed forms

@@ -135,8 +135,7 @@ def test_noise_of_the_inputs_does_not_let_holes_reverse():
         readings = read(rng, truth.state.configuration.poses[0][0][-1])
         read_tensions = np.array([tension, 0.1, 0.1, 0.1]) + 0.01 * rng.standard_normal(4)
         step = tdcr.LoadStep(tensions=dict(zip(names, read_tensions.tolist(), strict=True)), time=k / RATE)
-        frame = own.step(step, readings)
-        states = np.array(frame.result.hole_states[0][:-1])
+        states = np.array(own.step(step, readings).result.hole_states[0][:-1])
         wrong.append(np.mean(states == "release"))
     assert np.mean(wrong[5:]) < 0.05
 

@@ -37,8 +37,7 @@ def test_derivatives_are_those_of_the_load_step(friction, about, by_displacement
     simulation, before, values, force = solved(friction, by_displacement, about)
 
     def end(change):
-        slips = change[7:]
-        simulation.begin_from(with_plastic_slips(simulation, before, slips))
+        simulation.begin_from(with_plastic_slips(simulation, before, change[7:]))
         simulation.advance(actuation(values + change[:4], force + change[4:7], by_displacement), 1)
         state = simulation.state
         positions, distal = state.configuration.poses[0][0], simulation.handle.tensions().values()

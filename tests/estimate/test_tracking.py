@@ -60,8 +60,7 @@ def test_commands_are_of_the_kind_that_is_measured(drive):
 
 
 def test_a_step_is_bounded():
-    own = tracker(robot(), largest_change=0.05)
-    found = own.step(replace(BEGIN, time=0.0), [], PATH[4])
+    found = tracker(robot(), largest_change=0.05).step(replace(BEGIN, time=0.0), [], PATH[4])
     change = np.array([found.command.tensions[n] - BEGIN.tensions[n] for n in NAMES])
     assert np.abs(change).max() == pytest.approx(0.05, rel=1e-6)
     assert found.error > 5e-3

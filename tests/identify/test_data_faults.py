@@ -50,14 +50,6 @@ def exchange_axes(r):
     return replace(r, quantity=names.get(r.quantity, r.quantity))
 
 
-def one_step_late(r):
-    return replace(r, step=r.step + 1) if r.step < 10 else None
-
-
-def exchange_markers(r):
-    return replace(r, location={0.1: 0.2, 0.2: 0.1}[r.location])
-
-
 def height(change):
     return lambda r: replace(r, value=change(r)) if r.quantity == "position_z" else r
 
@@ -81,8 +73,9 @@ def standing_still():
     [
         (exchange_axes, "x = position_y, y = position_x"),
         (lambda r: exchange_axes(r) if r.step > 6 else r, "if from step 7 on the axes are relabelled: x = pos"),
-        (one_step_late, "those of each step appear one step later"),
-        (exchange_markers, "the markers at s = 0.1 m and s = 0.2 m are exchanged"),
+        (lambda r: replace(r, step=r.step + 1) if r.step < 10 else None, "those of each step appear one step later"),
+        (lambda r: replace(r, location={0.1: 0.2, 0.2: 0.1}[r.location]),
+         "the markers at s = 0.1 m and s = 0.2 m are exchanged"),
         (height(lambda r: r.value - r.location), "position_z counts up from the unloaded marker"),
         (height(lambda r: 0.2 - r.value), "position_z counts down from the unloaded tip"),
         (standing_still(), "is constant at"),
@@ -143,12 +136,6 @@ def test_after_a_fault_nothing_is_searched(clean):
     assert "x = position_y" in reason and found.log.runs < 20
 
 
-def exchange_tendons(data, first=0):
-    """The inputs of the two tendons are exchanged from some step on."""
-    steps = [replace(s, tensions={"t1": s.tensions["t2"], "t2": s.tensions["t1"]}) for s in data.steps]
-    return replace(data, steps=(*data.steps[:first], *steps[first:]))
-
-
 def test_forces_of_the_other_sign_are_named(clean):
     """All readings of the pushed steps were outliers."""
     numbered = [*enumerate(clean.steps)]
@@ -193,7 +180,9 @@ def test_displacements_driven_with_the_other_sign_are_named_beside_their_errors(
 @pytest.mark.parametrize(("model", "first"), [(MODEL, 0), (MODEL, 7), (FRICTIONAL, 7)])
 def test_exchanged_tendons_are_named_also_from_some_row_on(model, first):
     """The rows before fit to the noise: a search found effects that were not there. Step 7 pulls one tendon alone."""
-    found = fault_of(exchange_tendons(measured(model=model, robot=ROBOT), first))
+    data = measured(model=model, robot=ROBOT)
+    steps = [replace(s, tensions={"t1": s.tensions["t2"], "t2": s.tensions["t1"]}) for s in data.steps]
+    found = fault_of(replace(data, steps=(*data.steps[:first], *steps[first:])))
     when = "from step 8 on " if first else ""
     assert found.startswith(f"the readings fit if {when}tendons t1 and t2 are exchanged")
 

@@ -87,8 +87,7 @@ def test_data_that_turn_at_every_step_keep_pieces_without_gaps():
     steps = tuple(LoadStep(tensions={"t1": a, "t2": b}) for a, b in draw.tolist())
     data = replace(data, steps=steps, branches=("",) * len(steps))
     found = choose_rows(data, range(60, 120))
-    gaps = np.flatnonzero(np.diff(found.steps) > 1)
-    pieces = np.diff([-1, *gaps, len(found.steps) - 1])
+    pieces = np.diff([-1, *np.flatnonzero(np.diff(found.steps) > 1), len(found.steps) - 1])
     assert len(found.steps) > 40 and np.median(pieces) >= 2 * IN_BRANCH
     assert {k in range(60, 120) for k in found.steps} == {True, False}
 
@@ -108,7 +107,7 @@ def test_declared_friction_stays_where_the_model_is_better_with_it(true, kept):
     state = with_friction(problem, search, replace(free.with_fit(best), best=best))
     assert (state.problem.experiment.model.friction == "per-hole") is kept
     assert state.best.names == ("precurvature",) and state.best.cost < 1.5 * np.count_nonzero(problem.fitted)
-    assert ("left out" in state.history[-1]) is not kept
+    assert ("left out" in state.log.history[-1]) is not kept
 
 
 def test_friction_has_the_same_history_on_the_chosen_steps_of_a_branch():
@@ -169,7 +168,7 @@ def test_a_final_fit_that_the_time_does_not_suffice_for_loses_nothing(searched, 
     problem, chosen, state = searched
     search = searching(deadline=0.0)
     state = fit_to_all_rows(search, state, replace(problem, deadline=hard))
-    result = concluded(state, search, rows=chosen)
+    result = concluded(state.logged(rows=chosen), search)
     assert [e.name for e in result.effects] == ["gravity", "precurvature"]
     assert set(result.log.not_tried) == {missed, Part.CEILING}
     assert result.fitted_to_all == (missed != Part.ALL_STEPS)

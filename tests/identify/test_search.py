@@ -53,7 +53,7 @@ def test_a_hole_that_holds_fast_is_found_although_its_derivative_is_that_of_a_sm
     own = problem_of(measured({"stuck_hole": {"tendon": 2.0, "s": 0.05}}, robot=ROBOT, model=FRICTIONAL))
     state = search_causes(searching(), state_of(own))
     assert state.best.names == ("stuck_hole (tendon = 2, s = 0.05)",)
-    assert state.history[0].startswith("round 1: stuck_hole")
+    assert state.log.history[0].startswith("round 1: stuck_hole")
     assert state.best.cost < 2.0 * own.count < 0.1 * state.declared.cost
 
 
@@ -266,7 +266,7 @@ def test_a_search_that_is_late_keeps_its_model_and_notes_what_it_has_not_tried(m
     few = tuple(effect(name) for name in ("gravity", "precurvature", "actuator_gain"))
     monkeypatch.setattr(search, "dictionary", lambda problem, bays: few)
     state = search_causes(searching(deadline=0.0), state)
-    assert len(state.best.effects) >= 1 and state.not_tried
+    assert len(state.best.effects) >= 1 and state.log.not_tried
 
 
 def test_a_cause_found_on_some_of_the_rows_is_the_same_on_all():

@@ -82,8 +82,7 @@ def test_workers_end_with_their_parent(tmp_path, number):
         output = process.communicate(timeout=10)[0]
     finally:
         process.kill()
-    expected = {"SIGKILL": -9, "SIGTERM": 143, "SIGINT": 130}[number]
-    assert process.returncode == expected
+    assert process.returncode == {"SIGKILL": -9, "SIGTERM": 143, "SIGINT": 130}[number]
     assert ("interrupted" in output) == (number != "SIGKILL")
 
 

@@ -54,7 +54,6 @@ def test_a_result_without_any_step_or_tendon_prints_too():
 
 
 def test_a_notebook_shows_the_summary_and_the_steps_with_names_escaped():
-    result = arc_result(dataclasses.replace(paper_robot(), name="<b>arm</b> & co"))
-    html = result._repr_html_()
+    html = arc_result(dataclasses.replace(paper_robot(), name="<b>arm</b> & co"))._repr_html_()
     assert "&lt;b&gt;arm&lt;/b&gt; &amp; co" in html and "<b>" not in html
     assert "bending_angle_deg" in html and html.count("<table") == 2

@@ -129,8 +129,7 @@ def test_loads_and_gravity_are_drawn_as_arrows_to_scale():
     assert tip[1] == pytest.approx(step.tip) and (tip[3], force[3], moment[3]) == (False, False, True)
     lengths = [np.linalg.norm(vector) for _, vector, _ in LoadArrows(motion, [0]).arrows]
     assert lengths == pytest.approx([0.2 * 250.0, 0.1 * 250.0, 0.2 * 250.0])
-    figure = plots.shapes(result)
-    front = axes_by_title(figure)["Seen along x"]
+    front = axes_by_title(plots.shapes(result))["Seen along x"]
     heads = [t.arrow_patch for t in front.texts if getattr(t, "arrow_patch", None)]
     # The force along y; the moment along z with two heads; gravity. The force along x is seen end on.
     assert len(heads) == 4

@@ -198,8 +198,7 @@ def test_base_on_the_tip_of_another_robot():
 def test_no_time_passes_and_motion_goes_on_from_a_base_that_is_driven():
     """By a user function of time: with time from 0 to 1 the base stood where it is at 1 s, and the motion failed."""
     _keep, mbs = system()
-    body = mbs.CreateRigidBody(inertia=InertiaCuboid(1e3, [0.05] * 3))
-    bodies = (body, mbs.CreateGround())
+    bodies = (mbs.CreateRigidBody(inertia=InertiaCuboid(1e3, [0.05] * 3)), mbs.CreateGround())
     marker, ground = (mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=x)) for x in bodies)
 
     def offset(mbs, t, item, parameters):

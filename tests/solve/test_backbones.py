@@ -125,8 +125,7 @@ LAWS = [NonlinearMaterial(0.0, 30.0), NEO_HOOKEAN, NonlinearMaterial(4.0, 12.0),
 @pytest.mark.parametrize("law", LAWS)
 def test_an_axial_force_stretches_the_rod_along_the_stress_strain_curve(law):
     """``F = EA (e + b e^2 + c e^3)``: the cubic solved by numpy."""
-    force = 0.08 * ROD.EA
-    steps = [LoadStep(loads={"tip": Load(L, (0.0, 0.0, force))})]
+    steps = [LoadStep(loads={"tip": Load(L, (0.0, 0.0, 0.08 * ROD.EA))})]
     result = simulate(Robot(replace(ROD, nonlinear=law)), Model(), steps).raise_if_failed()
     roots = np.roots([law.cubic, law.quadratic, 1.0, -0.08])
     stretch = min(float(r.real) for r in roots if abs(r.imag) < 1e-9 and r.real > 0.0)

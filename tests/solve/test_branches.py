@@ -144,11 +144,9 @@ def column_eigenvalue(share):
     The second variation, ``(1 - w) (EI phi'^2 + GA g^2) - P (1 - P/EA) phi^2 - 2 P g phi`` along the rod, least over
     the shear g; phi goes with ``sin(pi s / (2 L))``.
     """
-    b = BACKBONE
-    p = share * EULERS_LOAD
-    rest = share
+    p, rest = share * EULERS_LOAD, share
     for _ in range(5):
-        rest = share * (1.0 - p / b.EA + p / (rest * b.GA))
+        rest = share * (1.0 - p / BACKBONE.EA + p / (rest * BACKBONE.GA))
     return 1.0 - rest
 
 

@@ -59,8 +59,7 @@ def test_the_automatic_mesh_meets_its_tolerance() -> None:
 def test_refinement_begins_where_a_coarse_start_is_not_enough() -> None:
     """A tolerance below the error of the first mesh makes it finer, and the result keeps the user's model."""
     model = Model(friction="none")
-    settings = SolverSettings(mesh_tolerance=1e-6)
-    result = simulate(single(), model, pull(1.0, 2.5), settings)
+    result = simulate(single(), model, pull(1.0, 2.5), SolverSettings(mesh_tolerance=1e-6))
     assert max(result.elements_per_bay) > max(elements_of_bays(single(), model))
     assert all(s.discretisation_error < 1e-6 * LENGTH for s in result.steps)
     assert result.model == model

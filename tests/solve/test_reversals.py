@@ -214,8 +214,7 @@ def test_a_path_that_is_not_resolved_is_reported_with_its_error():
     """With a single substep reversals are neither located nor divided; the estimate is not below the true error."""
     steps = [LoadStep("", {"t1": 2.0}), LoadStep("", loads={"tip": Load(LENGTH, (-0.05, 0.0, 0.0))})]
     resolved = solve(paper(0.3), steps)
-    settings = SolverSettings(max_substeps=1, max_substep_turn=10.0)
-    coarse = solve(paper(0.3), steps, settings=settings)
+    coarse = solve(paper(0.3), steps, settings=SolverSettings(max_substeps=1, max_substep_turn=10.0))
     error = coarse.steps[-1].details["refinement_error"]
     true = distance(resolved.tips[-1], coarse.tips[-1]) / LENGTH
     assert 1e-3 < true < error < 30.0 * true
@@ -339,8 +338,7 @@ def test_slips_of_a_tendon_that_adhesion_holds_while_its_base_is_slack():
     given = {"adhesion": 0.01, "axial_stiffness": 1500.0, "pretension": 0.5}
     routings = [ConvergingRouting(5e-3, 2e-3, 120.0 * k) for k in range(3)]
     tendons = tuple(Tendon(f"t{k}", x, 0.25, **given) for k, x in enumerate(routings))
-    taper = ((0.0, 0.45e-3), (0.24, 0.3e-3))
-    backbone = Backbone(0.24, 0.45e-3, 85e9, 0.3, 5600.0, taper=taper)
+    backbone = Backbone(0.24, 0.45e-3, 85e9, 0.3, 5600.0, taper=((0.0, 0.45e-3), (0.24, 0.3e-3)))
     robot = Robot(backbone, Disks.equally_spaced(12, 0.24, mass=2e-4, radius=6e-3), tendons)
     model = Model(gravity=(0.0, 0.0, -9.81), elements_per_bay=1)
     loads = {"m": Load(0.13, (0.05, 0.08, -0.03), (0.0, 0.0, 0.003))}

@@ -123,10 +123,7 @@ def refined(
         Largest number of intervals.
     """
     intervals = len(known.points) - 1
-    count = 2
-    if intervals == 1:
-        by_error = max(2, ceil(float(np.cbrt(error))))
-        count = min(MOST_INTERVALS_AT_FIRST, most, by_error)
+    count = min(MOST_INTERVALS_AT_FIRST, most, max(2, ceil(float(np.cbrt(error))))) if intervals == 1 else 2
     if count < 2 or intervals * count > most:
         return []
     states = []

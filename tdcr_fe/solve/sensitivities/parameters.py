@@ -316,8 +316,7 @@ def _size(robot: Robot, path: Sequence[str], value: float) -> float:
         return abs(value)
     if last == "precurvature":
         return 1.0 / robot.backbone.length
-    known = next((_SIZES[t] for t in reversed(path) if t in _SIZES), None)
-    return known if known is not None else 1e-2 * robot.backbone.length
+    return next((_SIZES[t] for t in reversed(path) if t in _SIZES), 1e-2 * robot.backbone.length)
 
 
 # ---------------------------------------------------------------------- tendons
@@ -362,9 +361,7 @@ def _tendon_parameter(robot: Robot, name: str, rest: Sequence[str]) -> ModelPara
             tendons[i] = _with(tendons[i], path, before + (value - mean))
         return experiment.with_robot(tendons=tuple(tendons))
 
-    size = max(_size(robot, tokens, float(x)) for x in present)
-    if tokens[-1].startswith("turns"):
-        size = 0.2
+    size = 0.2 if tokens[-1].startswith("turns") else max(_size(robot, tokens, float(x)) for x in present)
     return ModelParameter(name, mean, size, apply)
 
 

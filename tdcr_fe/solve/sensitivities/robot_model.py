@@ -231,12 +231,11 @@ def _joined_law(laws: Sequence[TendonLaw], mobilised: FrictionModel, which: Inde
 
     Tendons of models without friction have none.
     """
-    first = laws[0]
     parameters = [x.parameters if x.law.active else _without_friction(x.parameters) for x in laws]
     joined = {name: np.concatenate([getattr(p, name) for p in parameters])[which] for name in _TABLES}
     of_coefficients = [x for p in parameters for x in p.laws]
     chosen = tuple(of_coefficients[i] for i in which)
-    return TendonLaw(TendonParameters(**joined, laws=chosen), mobilised, first.hysteresis)
+    return TendonLaw(TendonParameters(**joined, laws=chosen), mobilised, laws[0].hysteresis)
 
 
 def _without_friction(parameters: TendonParameters) -> TendonParameters:
