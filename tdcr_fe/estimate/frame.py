@@ -185,7 +185,9 @@ class Frame:
         change = unknowns[self.problem.history] - plastic_slips(simulation, state)
         try:
             simulation.begin_from(with_plastic_slips(simulation, state, change))
-            ends = [Increment(1.0, near.towards(self, unknowns))] if near and self.substeps == 1 else []
+            ends = (
+                [Increment(1.0, near.towards(self, unknowns))] if near and self.substeps in (1, None) else []
+            )
             report = simulation.advance(self.problem.actuation(self.commands, unknowns), self.substeps, ends)
         except (StepFailed, np.linalg.LinAlgError):
             return None

@@ -16,9 +16,9 @@ from tdcr_fe.model.loading import Actuation
 from tdcr_fe.validation.campaigns.estimate import LENGTH, RATE, Drawn, model, read, readings_of, rod, squared
 
 
-def estimator(*, robot=None, friction=0.0, load=None, inputs=None, steps=()):
+def estimator(*, robot=None, friction=0.0, load=None, inputs=None, **rest):
     priors = load or tdcr.LoadPrior(sigma=0.05), inputs or tdcr.InputPrior(sigma=0.01)
-    return tdcr.Estimator(robot or rod(friction), model(friction), *priors, steps=steps)
+    return tdcr.Estimator(robot or rod(friction), model(friction), *priors, **rest)
 
 
 def followed(own, truth, sigma=1e-4):
@@ -160,7 +160,8 @@ def test_half_a_second_without_readings_forgets_the_force_or_keeps_it_and_spread
 def test_a_step_keeps_the_drives_that_it_does_not_name():
     """Tension, displacement and motor, each of another tendon; the second step names the tension alone."""
     robot = rod().with_tendons(spool=Spool(0.01))
-    own = estimator(robot=robot, load=tdcr.LoadPrior(), inputs=tdcr.InputPrior(sigma=1e-5))
+    exact = tdcr.SolverSettings(tolerance=1e-6)
+    own = estimator(robot=robot, load=tdcr.LoadPrior(), inputs=tdcr.InputPrior(sigma=1e-5), settings=exact)
     names = robot.tendon_names
     inputs = {"tensions": {names[0]: 0.1, names[3]: 0.2}, "displacements": {names[1]: 1e-3}}
     own.step(tdcr.LoadStep(**inputs, motor_angles={names[2]: 0.1}, time=0.0))
