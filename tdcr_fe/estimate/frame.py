@@ -183,11 +183,10 @@ class Frame:
         """The load step to unknowns, begun at a solution for others nearby; None where it has no solution."""
         simulation, state = self.problem.simulation, self.start.state
         change = unknowns[self.problem.history] - plastic_slips(simulation, state)
+        as_whole = self.substeps in (1, None)
         try:
             simulation.begin_from(with_plastic_slips(simulation, state, change))
-            ends = (
-                [Increment(1.0, near.towards(self, unknowns))] if near and self.substeps in (1, None) else []
-            )
+            ends = [Increment(1.0, near.towards(self, unknowns))] if near and as_whole else []
             report = simulation.advance(self.problem.actuation(self.commands, unknowns), self.substeps, ends)
         except (StepFailed, np.linalg.LinAlgError):
             return None
