@@ -56,8 +56,7 @@ def test_forces_along_the_rod_are_not_biased_towards_compression_which_makes_it_
 
 def test_with_friction_in_the_model_the_force_is_found_and_without_it_is_not():
     friction = 0.2
-    truth = Truth(40, 1, friction=friction)
-    errors, inside = {}, {}
+    truth, errors, inside = Truth(40, 1, friction=friction), {}, {}
     for modelled in (friction, 0.0):
         frames, found, force = followed(estimator(friction=modelled), truth, truth.positions)
         errors[modelled] = np.sqrt(np.mean(found**2))
@@ -81,7 +80,7 @@ def test_readings_that_tell_little_do_not_make_it_too_certain(kind):
         frames, _, found = followed(estimator(friction=0.2), truth, partial(truth.read_as, kind), 1000 + seed)
         assert not any(f.message for f in frames)
         squares.extend(found[5:])
-    assert kind == "camera" or np.mean(squares) < 4.5, "a camera may take one side for the other"
+    assert kind == "camera" or np.mean(squares) < 4.5  # a camera may mistake the side
     assert np.mean(np.array(squares) < chi2.ppf(0.95, 3)) > 0.8
 
 
@@ -157,9 +156,8 @@ def test_half_a_second_without_readings_forgets_the_force_or_keeps_it_and_spread
 
 def test_a_step_keeps_the_drives_that_it_does_not_name():
     """Tension, displacement and motor, each of another tendon; the second step names the tension alone."""
-    robot = rod().with_tendons(spool=Spool(0.01))
-    exact = tdcr.SolverSettings(tolerance=1e-6)
-    own = estimator(robot=robot, load=tdcr.LoadPrior(), inputs=tdcr.InputPrior(sigma=1e-5), settings=exact)
+    robot, exact = rod().with_tendons(spool=Spool(0.01)), tdcr.SolverSettings(tolerance=1e-6)
+    own = estimator(robot=robot, inputs=tdcr.InputPrior(sigma=1e-5), settings=exact)
     names = robot.tendon_names
     inputs = {"tensions": {names[0]: 0.1, names[3]: 0.2}, "displacements": {names[1]: 1e-3}}
     own.step(tdcr.LoadStep(**inputs, motor_angles={names[2]: 0.1}, time=0.0))
