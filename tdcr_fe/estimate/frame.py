@@ -41,6 +41,8 @@ PLACES, MOST_CHOICES = 100, 5
 #: Width in which a tension goes over to zero, over its standard deviation [1]. With three tendons of which two are
 #: slack, frames take half the time of those with a kink at zero, and of 24 none is unsolved for two.
 SLACK = 0.2
+#: Standard deviation of the tip, over the length, above which second order counts [1].
+UNCERTAIN = 0.02
 #: The readings are informative in a direction in which their variance is more than this many times that of their noise.
 INFORMATIVE = 2.0
 
@@ -125,6 +127,44 @@ class Frame:
     commands: Actuation
     readings: Sequence[Reading]
     substeps: int | None
+    # (k, n_readings): What each direction that the readings do not show adds to them to second order, see `with_unseen`
+    unseen: Array | None = None
+
+    def with_unseen(self, base: Solved, compared: tuple[Array, Array], covariance: Array) -> Frame:
+        """With what directions in which the tip stays uncertain add to the readings to second order.
+
+        A single camera does not show a force along its axis, but that shortens the robot in its picture to either side.
+        In a direction ``z`` with a variance of one that adds ``c z^2``: a mean of ``c`` and a noise of variance
+        ``2 c c'`` (second-order filter; M. Athans et al., IEEE Trans. Automatic Control 13 (1968) 504-514).
+
+        Parameters
+        ----------
+        base
+            A state nearby.
+        compared
+            The readings, compared with it.
+        covariance
+            Of the prior, shape (n, n).
+        """
+        residual, by_node = compared
+        left = posterior_covariance(covariance, by_node @ base.by_unknowns)
+        cross = left @ base.response.positions[-1].T
+        variances, directions = np.linalg.eigh(base.response.positions[-1] @ cross)
+        found = []
+        for k in np.flatnonzero(variances > (UNCERTAIN * self.problem.s[-1]) ** 2):
+            change = cross @ directions[:, k] / math.sqrt(variances[k])
+            ways = (base.frame.solved(base.unknowns + side * change, base) for side in (1.0, -1.0))
+            ends = [end.compared(self.readings)[0] for end in ways if end is not None]
+            if len(ends) == 2:
+                found.append(residual - np.mean(ends, axis=0))
+        return replace(self, unseen=np.array(found)) if found else self
+
+    def weighted(self, residual: Array, jacobian: Array) -> tuple[Array, Array]:
+        """Readings less their predictions, and derivatives, in units of all noise."""
+        if self.unseen is None:
+            return residual, jacobian
+        root = np.linalg.cholesky(np.eye(len(residual)) + 2.0 * self.unseen.T @ self.unseen)
+        return np.linalg.solve(root, residual - self.unseen.sum(axis=0)), np.linalg.solve(root, jacobian)
 
     @cached_property
     def reads_curvatures(self) -> bool:
@@ -141,12 +181,15 @@ class Frame:
 
         ``last``: the state of the frame before, where it is a guide.
         """
-        none = np.zeros(len(mean))
-        attempts: list[tuple[Frame, Array, Solved | None]] = [(self, none, None)]
+        none, given, start = np.zeros(len(mean)), self, np.zeros(len(mean))
+        if self.readings and (base := last or self.solved(mean)) is not None:
+            compared = base.compared(self.readings)
+            given = self.with_unseen(base, compared, covariance)
+            start = base.start_of(given, compared, mean, covariance)
+        attempts: list[tuple[Frame, Array, Solved | None]] = [(given, none, None)]
         if last is not None:
-            resolved = replace(self, substeps=None)  # takes long
-            start = last.start_of(self, mean, covariance)
-            attempts = [(self, start, last), *attempts, (resolved, none, None)]
+            resolved = replace(given, substeps=None)  # takes long
+            attempts = [(given, start, last), *attempts, (resolved, none, None)]
         for frame, begin, near in attempts:
             found = frame._found_from(mean, covariance, begin, near)
             if found is not None and found.converged:
@@ -183,9 +226,10 @@ class Frame:
         """The load step to unknowns, begun at a solution for others nearby; None where it has no solution."""
         simulation, state = self.problem.simulation, self.start.state
         change = unknowns[self.problem.history] - plastic_slips(simulation, state)
+        as_whole = self.substeps in (1, None)
         try:
             simulation.begin_from(with_plastic_slips(simulation, state, change))
-            ends = [Increment(1.0, near.towards(self, unknowns))] if near and self.substeps == 1 else []
+            ends = [Increment(1.0, near.towards(self, unknowns))] if near and as_whole else []
             report = simulation.advance(self.problem.actuation(self.commands, unknowns), self.substeps, ends)
         except (StepFailed, np.linalg.LinAlgError):
             return None
@@ -217,10 +261,10 @@ class Solved:
     @cached_property
     def response(self) -> Response:
         """Derivatives by the unknowns."""
-        return self.by_node.combined(self._by_unknowns)
+        return self.by_node.combined(self.by_unknowns)
 
     @cached_property
-    def _by_unknowns(self) -> Array:
+    def by_unknowns(self) -> Array:
         """Derivatives of inputs, loads on nodes and plastic slips by the unknowns."""
         problem, place = self.frame.problem, self.unknowns[PLACE]
         found, slopes, m = self._weights(place), problem.shares(place)[1], len(problem.input_sigmas)
@@ -244,7 +288,7 @@ class Solved:
         h = self.by_node.difference_steps(self.observed)
         return self.observed.moved(self.by_node, h), h
 
-    def _compared(self, readings: Sequence[Reading]) -> tuple[Array, Array]:
+    def compared(self, readings: Sequence[Reading]) -> tuple[Array, Array]:
         """Readings less their predictions, and derivatives of these by the parameters of `by_node`.
 
         Both over their standard deviations, shapes (n_readings,) and (n_readings, P).
@@ -258,7 +302,7 @@ class Solved:
     @cached_property
     def _of_frame(self) -> tuple[Array, Array]:
         """The readings of its frame, compared."""
-        return self._compared(self.frame.readings)
+        return self.frame.weighted(*self.compared(self.frame.readings))
 
     @property
     def residual(self) -> Array:
@@ -268,7 +312,7 @@ class Solved:
     @cached_property
     def jacobian(self) -> Array:
         """See `tdcr_fe.estimate.most_probable.SolvedState`."""
-        return self._of_frame[1] @ self._by_unknowns
+        return self._of_frame[1] @ self.by_unknowns
 
     def with_likely_states(self, prior: Array, covariance: Array) -> tuple[Response, Array]:
         """Derivatives and covariance given the readings; holes stick and tendons are taut with their probability.
@@ -293,7 +337,7 @@ class Solved:
         problem, frame, commands = self.frame.problem, self.frame, self.frame.commands
         history, inputs = problem.history, problem.inputs
         by_node, simulation = self.by_node, problem.simulation
-        by, law = self._by_unknowns.copy(), simulation.handle.actuation.law
+        by, law = self.by_unknowns.copy(), simulation.handle.actuation.law
         wound, scale, m = commands.by_displacement, commands.drives.scale, len(commands.values)
 
         def spread(by_node: Array) -> Array:
@@ -360,10 +404,10 @@ class Solved:
         ended = with_plastic_slips(simulation, self.position.state, slips @ (unknowns - self.unknowns))
         return simulation.system.warm_start(ended, self.towards(self.frame, unknowns))
 
-    def start_of(self, frame: Frame, mean: Array, covariance: Array) -> Array:
+    def start_of(self, frame: Frame, compared: tuple[Array, Array], mean: Array, covariance: Array) -> Array:
         """``v`` with which the next frame begins from its prior, by the derivatives in this state."""
-        residual, by_node = self._compared(frame.readings)
-        jacobian = by_node @ self._by_unknowns
+        residual, by_node = frame.weighted(*compared)
+        jacobian = by_node @ self.by_unknowns
         return linear_start(covariance, residual - jacobian @ self._change_to(frame, mean), jacobian)
 
     def best_place(self, mean: Array, given: Array, held: Array, variance: float) -> tuple[float, Array]:

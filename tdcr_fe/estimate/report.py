@@ -52,22 +52,23 @@ def estimates_frame(result: EstimateResult) -> pd.DataFrame:
 
 
 def _row(step: int, frame: Estimate, tendons: Sequence[str]) -> dict[str, float]:
-    found: dict[str, float] = {"step": step, "time": frame.time, "at": frame.at}
-    found |= {f"force_{a}": float(x) for a, x in zip("xyz", frame.force, strict=True)}
+    found = {"step": step, "time": frame.time, "at": frame.at} | _by_axis("force", frame.force)
     for i, j in zip(*np.triu_indices(3), strict=True):
         found[f"cov_{'xyz'[i]}{'xyz'[j]}"] = float(frame.force_covariance[i, j])
     for tendon, tension, sigma in zip(tendons, frame.tensions, frame.sigma_tensions, strict=True):
         found |= {f"tension_{tendon}": float(tension), f"sigma_tension_{tendon}": float(sigma)}
-    found |= {f"tip_{a}": float(x) for a, x in zip("xyz", frame.tip, strict=True)}
-    found |= {f"sigma_tip_{a}": float(x) for a, x in zip("xyz", frame.sigma_tip, strict=True)}
+    found |= _by_axis("tip", frame.tip) | _by_axis("sigma_tip", frame.sigma_tip)
     return {**found, "milliseconds": frame.milliseconds}
+
+
+def _by_axis(name: str, values: Array) -> dict[str, float]:
+    return {f"{name}_{axis}": float(x) for axis, x in zip("xyz", values, strict=True)}
 
 
 def _moment(frame: Estimate) -> dict[str, float]:
     """The estimated moment and its standard deviations [N m]."""
     sigmas = np.sqrt(np.diagonal(frame.moment_covariance))
-    found = {f"moment_{a}": float(x) for a, x in zip("xyz", frame.moment, strict=True)}
-    return found | {f"sigma_moment_{a}": float(x) for a, x in zip("xyz", sigmas, strict=True)}
+    return _by_axis("moment", frame.moment) | _by_axis("sigma_moment", sigmas)
 
 
 def sequence(result: EstimateResult) -> SequenceResult:

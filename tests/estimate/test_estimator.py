@@ -1,6 +1,7 @@
 """Estimation frame by frame: calibrated, through friction, at unknown places, without readings, and past failures."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -13,19 +14,18 @@ from tdcr_fe import Spool, StepFailed
 from tdcr_fe.elements.drives import TendonDrives
 from tdcr_fe.estimate.frame import Frame
 from tdcr_fe.model.loading import Actuation
-from tdcr_fe.validation.campaigns.estimate import LENGTH, RATE, Drawn, model, read, readings_of, rod, squared
+from tdcr_fe.validation.campaigns.estimate import LENGTH, RATE, model, read, readings_of, rod, squared
 
 
-def estimator(*, robot=None, friction=0.0, load=None, inputs=None, steps=()):
+def estimator(*, robot=None, friction=0.0, load=None, inputs=None, **rest):
     priors = load or tdcr.LoadPrior(sigma=0.05), inputs or tdcr.InputPrior(sigma=0.01)
-    return tdcr.Estimator(robot or rod(friction), model(friction), *priors, steps=steps)
+    return tdcr.Estimator(robot or rod(friction), model(friction), *priors, **rest)
 
 
-def followed(own, truth, sigma=1e-4):
+def followed(own, truth, readings, seed=4):
     """Frames of a whole run, with the errors of their forces and what these are by their covariances."""
-    rng = np.random.default_rng(4)
-    count = len(truth.nodes)
-    frames = [own.step(truth.command(k), truth.positions(rng, k, sigma=sigma)) for k in range(count)]
+    rng = np.random.default_rng(seed)
+    frames = [own.step(truth.command(k), readings(rng, k)) for k in range(len(truth.nodes))]
     errors = np.array([f.force for f in frames]) - truth.forces
     return frames, errors, squared(errors, np.array([f.force_covariance for f in frames]))
 
@@ -35,8 +35,8 @@ def test_where_the_robot_is_nearly_linear_the_covariance_is_that_of_the_errors()
     scale, memory = 0.02, 0.1
     truth = Truth(160, 3, scale=scale, memory=memory)
     load = tdcr.LoadPrior(sigma=0.05 * scale, correlation_time=memory)
-    inputs = tdcr.InputPrior(sigma=0.01 * scale, correlation_time=memory)
-    frames, errors, force = followed(estimator(load=load, inputs=inputs), truth, 2e-6)
+    own = estimator(load=load, inputs=tdcr.InputPrior(sigma=0.01 * scale, correlation_time=memory))
+    frames, errors, force = followed(own, truth, lambda *at: truth.positions(*at, sigma=2e-6))
     off = np.array([f.tensions for f in frames]) - truth.tensions
     tensions = squared(off, np.array([f.tension_covariance for f in frames]))
     assert 2.4 < force.mean() < 3.6
@@ -47,8 +47,8 @@ def test_where_the_robot_is_nearly_linear_the_covariance_is_that_of_the_errors()
 
 def test_forces_along_the_rod_are_not_biased_towards_compression_which_makes_it_compliant():
     """Tensions are known to 0.1 N. The least misfit alone has a mean error of -73 mN and 16.6 in place of 3."""
-    own = estimator(inputs=tdcr.InputPrior(sigma=0.1))
-    frames, errors, force = followed(own, Truth(60, 2, tension_sigma=0.1))
+    truth, own = Truth(60, 2, tension_sigma=0.1), estimator(inputs=tdcr.InputPrior(sigma=0.1))
+    frames, errors, force = followed(own, truth, truth.positions)
     along = np.array([f.result.rotations[-1][:, 2] for f in frames])
     assert abs(np.mean(np.sum(errors * along, axis=1)[5:])) < 0.02
     assert force[5:].mean() < 5.0
@@ -56,10 +56,9 @@ def test_forces_along_the_rod_are_not_biased_towards_compression_which_makes_it_
 
 def test_with_friction_in_the_model_the_force_is_found_and_without_it_is_not():
     friction = 0.2
-    truth = Truth(40, 1, friction=friction)
-    errors, inside = {}, {}
+    truth, errors, inside = Truth(40, 1, friction=friction), {}, {}
     for modelled in (friction, 0.0):
-        frames, found, force = followed(estimator(friction=modelled), truth)
+        frames, found, force = followed(estimator(friction=modelled), truth, truth.positions)
         errors[modelled] = np.sqrt(np.mean(found**2))
         inside[modelled] = np.mean(force < chi2.ppf(0.95, 3))
         assert not any(f.message for f in frames)
@@ -70,20 +69,18 @@ def test_with_friction_in_the_model_the_force_is_found_and_without_it_is_not():
     assert inside[friction] > 0.9 > 0.5 > inside[0.0]
 
 
-def test_curvatures_that_show_single_holes_slip_do_not_make_it_too_certain():
-    """Where each hole only sticks or only slips, it is 7 with seed 2, and with 3 a frame is not solved."""
+@pytest.mark.parametrize("kind", ["curvatures", "angle", "camera"])
+def test_readings_that_tell_little_do_not_make_it_too_certain(kind):
+    """Curvatures show single holes slip: where each only sticks or only slips, it is 7 with seed 2, and with 3 a frame
+    is not solved. An angle, or one camera, shows a force across to second order only: it was 17 and 54,000.
+    """
     squares = []
     for seed in (1, 2, 3):
-        drawn, own = Drawn.of(0.2, 0.01, 25, seed), estimator(friction=0.2)
-        rng = np.random.default_rng(1000 + seed)
-        truth = tdcr.simulate(drawn.robot, model(0.2), drawn.steps()).steps
-        for k, solved in enumerate(truth):
-            readings = readings_of("curvatures", solved, drawn.robot.tendon_names, rng)
-            frame = own.step(drawn.step(drawn.commands, k), readings)
-            assert not frame.message
-            error = frame.force - drawn.forces[k]
-            squares += [error @ np.linalg.solve(frame.force_covariance, error)] * (k >= 5)
-    assert np.mean(squares) < 4.5
+        truth = Truth(25, seed, friction=0.2)
+        frames, _, found = followed(estimator(friction=0.2), truth, partial(truth.read_as, kind), 1000 + seed)
+        assert not any(f.message for f in frames)
+        squares.extend(found[5:])
+    assert kind == "camera" or np.mean(squares) < 4.5  # a camera may mistake the side
     assert np.mean(np.array(squares) < chi2.ppf(0.95, 3)) > 0.8
 
 
@@ -158,8 +155,8 @@ def test_half_a_second_without_readings_forgets_the_force_or_keeps_it_and_spread
 
 def test_a_step_keeps_the_drives_that_it_does_not_name():
     """Tension, displacement and motor, each of another tendon; the second step names the tension alone."""
-    robot = rod().with_tendons(spool=Spool(0.01))
-    own = estimator(robot=robot, load=tdcr.LoadPrior(), inputs=tdcr.InputPrior(sigma=1e-5))
+    robot, exact = rod().with_tendons(spool=Spool(0.01)), tdcr.SolverSettings(tolerance=1e-6)
+    own = estimator(robot=robot, inputs=tdcr.InputPrior(sigma=1e-5), settings=exact)
     names = robot.tendon_names
     inputs = {"tensions": {names[0]: 0.1, names[3]: 0.2}, "displacements": {names[1]: 1e-3}}
     own.step(tdcr.LoadStep(**inputs, motor_angles={names[2]: 0.1}, time=0.0))

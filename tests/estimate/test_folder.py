@@ -151,7 +151,7 @@ def test_times_are_needed(folder, wrong, tmp_path, capsys):
     assert needed in said(capsys, 2, *command)
 
 
-def test_coordinates_of_the_other_sign_are_doubted(folder, wrong, tmp_path, capsys):
+def test_coordinates_of_the_other_sign_are_doubted(folder, wrong, tmp_path, capsys, monkeypatch):
     """All frames were solved, with wrong forces and without a word."""
     table = pd.read_csv(wrong / "observations.csv")
     table.loc[table["quantity"] == "position_x", "value"] *= -1.0
@@ -163,6 +163,7 @@ def test_coordinates_of_the_other_sign_are_doubted(folder, wrong, tmp_path, caps
     assert doubt not in said(capsys, 0, "estimate", folder, *out)
     table.loc[table["quantity"] == "position_z", "value"] *= -1.0
     table[table["step"] == 1].to_csv(wrong / "observations.csv", index=False)
+    monkeypatch.setattr("tdcr_fe.estimate.most_probable.MOST_STATES", 5)
     assert "): wrong axes, signs or units?" in said(capsys, 1, "estimate", wrong, *out)
     solved = pd.read_csv(tmp_path / "out" / "estimates.csv")["message"].isna()
     assert solved.tolist() == [False, True, True, True]
