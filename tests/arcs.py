@@ -54,6 +54,5 @@ def arc_result(robot: Robot | None = None, steps=None, model: Model | None = Non
         before = total
         force = sum((np.array(x.force) for x in state.loads.values()), np.zeros(3))
         phi = float(np.arctan2(10.0 * force[1], 1.0))
-        one = arc_step(robot, number, angle, phi, state.values, label=step.label, actuation=state)
-        solved.append(one)
+        solved.append(arc_step(robot, number, angle, phi, state.values, label=step.label, actuation=state))
     return SequenceResult(robot, model or Model(), tuple(solved), message="solved", wall_time=0.1, **rest)

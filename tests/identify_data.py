@@ -68,5 +68,4 @@ def measured(truth=None, sigma=1e-4, seed=0, robot=None, given=True, model=MODEL
     readings = positions(with_effects(fine, truth or {}, catalogue), sigma, seed)
     if not given:
         readings = tuple(replace(r, sigma=None) for r in readings)
-    declared = ROBOT if robot is None or model is MODEL else robot
-    return data_of(steps, readings, declared, model)
+    return data_of(steps, readings, ROBOT if robot is None or model is MODEL else robot, model)

@@ -58,14 +58,12 @@ def test_derivatives_are_those_of_the_load_step(friction, about, by_displacement
         change = np.zeros(7 + k)
         change[p] = steps[p]
         expected = (end(change) - end(-change)) / (2.0 * steps[p])
-        scale = np.abs(expected).max()
-        np.testing.assert_allclose(found[:, p], expected, atol=2e-4 * scale)
+        np.testing.assert_allclose(found[:, p], expected, atol=2e-4 * np.abs(expected).max())
 
 
 def test_a_moment_at_the_tip_turns_it_as_its_compliance_says():
     simulation, *_ = solved(0.0, False)
-    tip = len(simulation.handle.arc_lengths) - 1
-    response = Response.of(simulation, np.array([tip]))
+    response = Response.of(simulation, np.array([len(simulation.handle.arc_lengths) - 1]))
     compliance = tdcr.local_response(simulation).compliance
     np.testing.assert_allclose(response.positions[-1][:, 4:10], compliance[:3], atol=1e-9)
     np.testing.assert_allclose(response.rotations[-1][:, 4:10], compliance[3:], atol=1e-7)

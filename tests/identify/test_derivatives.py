@@ -172,8 +172,7 @@ def test_every_effect_is_among_them() -> None:
 
 def test_every_form_is_among_them() -> None:
     """Forms by segment are those of each tendon, added up; those of single tendons and markers are parts of them."""
-    about = problem("tension")
-    every = [f for e in EFFECTS for f in e.forms(about.experiment) if f.name != e.name]
+    every = [f for e in EFFECTS for f in e.forms(problem("tension").experiment) if f.name != e.name]
     forms = {f.name for f in every if not isinstance(f, OfTendon | OfMarker)}
     assert forms == {n for _, values in TOGETHER for n in values if " (" in n}
 

@@ -33,8 +33,7 @@ def test_steps_held_out_are_whole_branches():
     parts = [set(b) for b in blocks(data)]
     assert held and all(b <= set(held) or not b & set(held) for b in parts)
     assert 0.1 < len(held) / len(data.steps) < 0.5
-    two = replace(data, branches=("load",) * 5 + ("unload",) * 6)
-    assert choose_held_out(two) == (5, 6, 7, 8, 9, 10)
+    assert choose_held_out(replace(data, branches=("load",) * 5 + ("unload",) * 6)) == (5, 6, 7, 8, 9, 10)
 
 
 def test_one_monotone_branch_holds_out_its_last_levels():
@@ -145,8 +144,7 @@ def test_clean_data_miss_nothing():
 @pytest.mark.integration
 def test_a_soft_bay_is_found_with_place_and_size():
     """e3bbe5d pointed at the bay and called the data unexplained."""
-    patched = ROBOT.with_backbone(patches=(StiffnessPatch(0.05, 0.1, 0.5, 1.0),))
-    result = identify(measured(robot=patched))
+    result = identify(measured(robot=ROBOT.with_backbone(patches=(StiffnessPatch(0.05, 0.1, 0.5, 1.0),))))
     (found,) = result.effects
     assert (result.verdict, found.name) == ("explained", "soft_bay")
     place, factor = (found.parameters[n] for n in ("s", "factor"))
@@ -173,8 +171,7 @@ def test_the_result_carries_what_pictures_and_next_steps_need():
     shapes, count = result.shapes, len(result.data.steps)
     assert shapes.measured.shape == shapes.before.shape == shapes.after.shape == (count, 2, 3)
     assert shapes.held_out.sum() == len(result.held_out_steps) > 0
-    values = np.array([r.value for r in result.data.readings])
-    np.testing.assert_allclose(shapes.measured.ravel(), values)
+    np.testing.assert_allclose(shapes.measured.ravel(), np.array([r.value for r in result.data.readings]))
     np.testing.assert_allclose((shapes.measured - shapes.after).ravel(), result.residuals.after, atol=1e-15)
     distance = np.linalg.norm(shapes.measured - shapes.after, axis=2)[~shapes.held_out]
     assert np.sqrt(np.mean(distance**2)) == pytest.approx(result.after.fit.rms_position)

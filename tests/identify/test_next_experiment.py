@@ -49,8 +49,7 @@ def test_an_ambiguity_is_separated_by_the_experiment_that_was_chosen(ambiguous):
         experiment = with_effects(Experiment(data.robot, model, planned.steps), effects)
         return reader.read(simulated(experiment), experiment)
 
-    noise = np.random.default_rng(3).normal(0.0, 3e-4, len(readings))
-    seen = predicted(TRUTH) + noise
+    seen = predicted(TRUTH) + np.random.default_rng(3).normal(0.0, 3e-4, len(readings))
     two = [predicted({f.names[0]: f.values[f.names[0]]}) for f in (ambiguous.best, rival)]
     right, wrong = (np.sum(((seen - x) / 3e-4) ** 2) for x in two)
     assert wrong - right > 20.0 and right < 2.0 * len(readings)

@@ -118,8 +118,7 @@ def test_friction_has_the_same_history_on_the_chosen_steps_of_a_branch():
     assert len(kept) == 4 * IN_BRANCH
 
     def tips(steps):
-        chosen = tuple(data.steps[k] for k in steps)
-        return simulated(Experiment(robot, FRICTIONAL, chosen)).positions[:, -1]
+        return simulated(Experiment(robot, FRICTIONAL, tuple(data.steps[k] for k in steps))).positions[:, -1]
 
     every = tips(range(len(data.steps)))
     free = simulated(Experiment(robot, MODEL, data.steps))
@@ -281,6 +280,5 @@ def test_with_friction_the_parts_stay(friction):
 def test_what_the_last_part_does_not_name_stays_as_the_first_has_left_it():
     data = measured()
     first, second = replace(data.steps[0], tensions={"t1": 0.4}), replace(data.steps[0], tensions={"t2": 0.3})
-    experiment = Experiment(data.robot, MODEL, (first, second), ends=((0, 0.5), (0, 1.0)))
-    (step,) = join_steps(experiment).steps
+    (step,) = join_steps(Experiment(data.robot, MODEL, (first, second), ends=((0, 0.5), (0, 1.0)))).steps
     assert step.tensions == {"t1": 0.4, "t2": 0.3}

@@ -242,8 +242,7 @@ def test_causes_that_take_a_run_each_leave_the_response_that_forces_towards_poin
     own, _, causes = declared()
     every = causes.values()
     slip = next(e for e in every if not (is_named(e) or e.exact_derivatives))
-    pull = next(e for e in every if isinstance(e, PointForce))
-    state = replace(state_of(own), dictionary=(slip, pull))
+    state = replace(state_of(own), dictionary=(slip, next(e for e in every if isinstance(e, PointForce))))
     for costly, count in ((False, 1), (True, 2)):
         state, scores, reference = scores_beside(state, state.best, costly)
         assert len(scores) == count and reference.run.acted is not None

@@ -124,8 +124,7 @@ def test_the_response_to_an_action_is_exact():
 
 def test_a_load_is_derived_with_what_friction_remembers_of_it():
     """Against central differences of whole runs; the response of each load step alone is far from them."""
-    robot = ROBOT.with_tendons(friction_coefficient=3.0)
-    problem = problem_of(measured(robot=robot, model=FRICTIONAL))
+    problem = problem_of(measured(robot=ROBOT.with_tendons(friction_coefficient=3.0), model=FRICTIONAL))
     load, none = (
         load_of(TERMS["bending stiffness that changes with the sum of the tensions"]),
         {"coefficient": 0.0},
@@ -365,8 +364,7 @@ def test_a_moment_that_grows_with_time_is_found_reported_and_written_as_loads(tm
     (cause,) = result.effects
     assert (cause.form, *cause.kind[:2]) == (load.name, "precurvature", ("time",))
     assert cause.kind_probability > 0.9
-    values = [p.value for p in cause.parameters.values()]
-    assert values == pytest.approx([drift, -0.5 * drift], rel=0.05)
+    assert [p.value for p in cause.parameters.values()] == pytest.approx([drift, -0.5 * drift], rel=0.05)
     assert result.after.held_out.chi2_per_dof < 1.5 < 0.1 * result.before.held_out.chi2_per_dof
     document = json.loads(json.dumps(result.to_json()))
     assert document["effects"] == [] and document["causes"][0]["perturbs"] == "precurvature"
@@ -393,8 +391,7 @@ def test_a_stiffness_that_differs_between_directions_is_a_symmetric_tensor_of_th
     problem, run, causes = declared()
     section = causes["bending stiffness of another section"]
     moment = section.action(run.bays, {"xx": 2.0, "yy": -1.0, "xy": 0.5})[..., :2]
-    tensor = np.array([[2.0, 0.5], [0.5, -1.0]])
-    np.testing.assert_allclose(moment, -run.bays.curvature[..., :2] @ tensor.T)
+    np.testing.assert_allclose(moment, -run.bays.curvature[..., :2] @ np.array([[2.0, 0.5], [0.5, -1.0]]).T)
     null = dict.fromkeys(("xx", "yy", "xy"), 0.0)
     scaled = Column(effect("stiffness_scale"), "bending", {"bending": 1.0, "torsion": 1.0}, 1e-3)
     columns = (*(Column(section, n, null, 1.0) for n in ("xx", "yy")), scaled)

@@ -120,8 +120,7 @@ def test_candidates_with_more_parameters_than_readings_are_not_fitted(bent):
     state = begun(replace(bent, readings=bent.readings[:4]))
     problem = replace(state.problem, held_out=np.array([False, False, True, True]))
     scores, _ = screen(problem, state.declared, [effect("gravity"), effect("actuator_gain")])
-    strong = [replace(s, drop=1e9) for s in scores]
-    fitted = worth_fitting(searching(), problem, state.declared, strong)
+    fitted = worth_fitting(searching(), problem, state.declared, [replace(s, drop=1e9) for s in scores])
     assert [x.score.effect.name for x in fitted] == ["actuator_gain"]
 
 

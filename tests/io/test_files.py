@@ -265,8 +265,7 @@ def described():
     backbone = Backbone(0.25, 0.4e-3, 85e9, 0.0, **declared)
     wound = Tendon("t", tdcr.ParallelRouting(0.0), spool=Spool(8e-3))
     robot = Robot(backbone, Disks.equally_spaced(5, 0.25), (wound,))
-    steps = (LoadStep(motor_angles={"t": 0.1}),)
-    found = [(robot, Model(hysteresis="dahl"), settings, steps)]
+    found = [(robot, Model(hysteresis="dahl"), settings, (LoadStep(motor_angles={"t": 0.1}),))]
     for case in map(draw, range(120)):
         if not any(t.routing.kind == "twisted" for t in case.robot.tendons):  # robot.toml has no such routing
             found.append((case.robot, case.model, SolverSettings(), case.steps))

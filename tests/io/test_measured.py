@@ -54,8 +54,7 @@ def test_what_a_step_does_not_name_is_written_as_it_was(tmp_path):
     """Tensions and loads that are carried over, and forces of two names at the tip."""
     gust, tip = Load(0.25, (0.01, 0.0, 0.0)), Load(0.25, (0.0, 0.02, 0.0))
     first = LoadStep("", {"t1": 0.5}, loads={"tip": tip})
-    second = LoadStep("", {"t2": 0.1}, loads={"gust": gust})
-    found = written(tmp_path / "set", first, second, LoadStep())
+    found = written(tmp_path / "set", first, LoadStep("", {"t2": 0.1}, loads={"gust": gust}), LoadStep())
     assert [s.tensions for s in found] == [{"t1": 0.5, "t2": t} for t in (0.0, 0.1, 0.1)]
     assert [s.loads["tip"].force for s in found] == [(0.0, 0.02, 0.0), (0.01, 0.02, 0.0), (0.01, 0.02, 0.0)]
 

@@ -101,8 +101,7 @@ def test_vtk_files_have_points_cells_and_values_of_every_load_step(tmp_path):
     written = write_vtk(motion_of(result), tmp_path)
     assert sorted(p.name for p in written) == ["robot.pvd", "robot_0001.vtp", "robot_0002.vtp"]
     rows = ElementTree.parse(tmp_path / "robot.pvd").getroot().findall("Collection/DataSet")
-    files = {r.get("timestep"): r.get("file") for r in rows}
-    assert files == {"1": "robot_0001.vtp", "2": "robot_0002.vtp"}
+    assert {r.get("timestep"): r.get("file") for r in rows} == {"1": "robot_0001.vtp", "2": "robot_0002.vtp"}
 
     step = result.steps[1]
     piece = ElementTree.parse(tmp_path / "robot_0002.vtp").getroot().find("PolyData/Piece")
@@ -125,8 +124,7 @@ def test_vtk_files_have_points_cells_and_values_of_every_load_step(tmp_path):
     assert [PARTS[k] for k in of_cells["part"][lines]] == ["backbone", *["tendon"] * 26]
     assert of_cells["tension"][lines][1:14] == pytest.approx(step.tensions[0], rel=1e-6)
     assert [STATES[k] for k in of_cells["hole_state"][:13]] == list(step.hole_states[0])
-    hole = step.positions[2] + step.rotations[2] @ [4.5e-3, 0.0, 0.0]
-    assert points[0] == pytest.approx(hole, abs=1e-8)
+    assert points[0] == pytest.approx(step.positions[2] + step.rotations[2] @ [4.5e-3, 0.0, 0.0], abs=1e-8)
     at = sizes[0] - 2
     assert points[at : at + 2] == pytest.approx(np.stack([step.tip, step.tip]), abs=1e-8)
     assert of_points["force"][at] == pytest.approx([0.0, 0.05, 0.0])

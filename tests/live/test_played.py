@@ -77,8 +77,7 @@ def test_a_step_that_fails_leaves_the_robot_where_it_was(monkeypatch, why):
         robot._sequence.simulation.settings = replace(settings, max_iterations=1, min_substep=1.0)
     else:
         monkeypatch.setattr("tdcr_fe.live.played.LONGEST_STEP", 0.0)
-    answer = robot.drive({"t1": 1.0, "t2": 60.0}, {})
-    assert why in answer.message and robot.steps == steps
+    assert why in robot.drive({"t1": 1.0, "t2": 60.0}, {}).message and robot.steps == steps
     robot._sequence.simulation.settings = settings
     monkeypatch.undo()
     robot.drive({"t1": 1.0}, {})

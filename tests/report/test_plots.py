@@ -51,16 +51,14 @@ def test_straight_tendon_is_drawn_from_hole_to_hole_and_classical_one_along_the_
     motion = motion_of(result)
     step, line = result.steps[4], motion.tendon_points(4, motion.tendons[0])
     nodes = np.concatenate(([0], np.arange(2, 27, 2)))
-    holes = step.positions[nodes] + 4.5e-3 * step.rotations[nodes][:, :, 0]
-    assert line == pytest.approx(holes, abs=1e-9)
+    assert line == pytest.approx(step.positions[nodes] + 4.5e-3 * step.rotations[nodes][:, :, 0], abs=1e-9)
     classical = motion_of(replace(result, model=Model("continuous", "none")))
     assert len(classical.tendon_points(4, classical.tendons[0])) == 6 * 13 + 1
 
 
 def test_tensions_are_steps_over_arc_length():
     result = arc_result(paper_robot(2))
-    ax = axes_by_title(plots.tensions(result))["tendon t1"]
-    drawn = [patch.get_data() for patch in ax.patches]
+    drawn = [patch.get_data() for patch in axes_by_title(plots.tensions(result))["tendon t1"].patches]
     assert any(np.array_equal(d.values, result.steps[4].tensions[0]) for d in drawn)
     assert drawn[0].edges == pytest.approx(1e3 * result.robot.hole_arc_lengths(result.robot.tendons[0]))
 
@@ -130,9 +128,8 @@ def test_loads_and_gravity_are_drawn_as_arrows_to_scale():
     lengths = [np.linalg.norm(vector) for _, vector, _ in LoadArrows(motion, [0]).arrows]
     assert lengths == pytest.approx([0.2 * 250.0, 0.1 * 250.0, 0.2 * 250.0])
     front = axes_by_title(plots.shapes(result))["Seen along x"]
-    heads = [t.arrow_patch for t in front.texts if getattr(t, "arrow_patch", None)]
     # The force along y; the moment along z with two heads; gravity. The force along x is seen end on.
-    assert len(heads) == 4
+    assert len([t.arrow_patch for t in front.texts if getattr(t, "arrow_patch", None)]) == 4
     assert front.get_xlim()[1] > 1e3 * step.tip[1] + 0.2 * 250.0
 
 
@@ -201,8 +198,7 @@ def test_between_two_steps_positions_are_halfway_and_rotations_turn_by_half():
 
 def test_a_gif_has_all_pictures_and_they_differ(tmp_path):
     motion, said = short(2), []
-    path = write_video(motion, tmp_path / "robot.gif", said.append)
-    with Image.open(path) as picture:
+    with Image.open(write_video(motion, tmp_path / "robot.gif", said.append)) as picture:
         assert picture.n_frames == len(times(2)) == len(said)
         assert picture.size == (960, 500)
         frames = []

@@ -108,8 +108,7 @@ def test_disks_between_nodes_and_the_line_drawn_lie_on_the_curve_of_constant_str
 
 
 def test_long_results_are_thinned_first_and_last_step_and_every_disk_kept():
-    steps = [LoadStep("", {"t1": 0.005 * k}) for k in range(1, 301)]
-    full = motion_of(arc_result(paper_robot(4), steps))
+    full = motion_of(arc_result(paper_robot(4), [LoadStep("", {"t1": 0.005 * k}) for k in range(1, 301)]))
     motion = thinned(full, poses=2_000)
     assert len(motion.s) * len(motion.steps) <= 2_000
     assert (motion.steps[0], motion.steps[-1]) == (1, 300)
@@ -190,8 +189,7 @@ def test_positions_in_the_browser_are_those_of_the_result(chromium):
         assert corner == pytest.approx(expected, abs=5e-6)
     chromium.ask(f"{PANEL}.go(3.5)")
     found = np.array(chromium.ask(f"Array.from({PANEL}.motion.p)")).reshape(-1, 3)[nodes]
-    middle = (result.steps[3].positions + result.steps[4].positions) / 2.0
-    assert found == pytest.approx(middle, abs=5e-6)
+    assert found == pytest.approx((result.steps[3].positions + result.steps[4].positions) / 2.0, abs=5e-6)
 
 
 @in_chromium

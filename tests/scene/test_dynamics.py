@@ -23,8 +23,7 @@ def test_a_motor_swings_on_its_elastic_tendon_as_a_single_oscillator():
     marker = mbs.AddMarker(eii.MarkerNodeCoordinate(nodeNumber=motor, coordinate=0))
     load = mbs.AddLoad(eii.LoadCoordinate(markerNumber=marker, load=TORQUE))
     kind = exu.OutputVariableType.Coordinates
-    sensor = eii.SensorNode(nodeNumber=motor, outputVariableType=kind, storeInternal=True)
-    angle = mbs.AddSensor(sensor)
+    angle = mbs.AddSensor(eii.SensorNode(nodeNumber=motor, outputVariableType=kind, storeInternal=True))
     mbs.Assemble()
     assert mbs.GetLoadParameter(load, "load") == TORQUE
     settings = recommended(handle, 0.4, 1e-3)
@@ -145,8 +144,7 @@ def random_run(seed: int, end: float, elements: int | str = 1) -> dict[str, np.n
     settings.timeIntegration.generalizedAlpha.spectralRadius = 1.0
     settings.solution.sensors.writePeriod = 1e-3
     assert mbs.SolveDynamic(settings)
-    data = np.array(mbs.GetSensorStoredData(sensor))
-    return dict(zip(("time", *ENERGY_COLUMNS), data.T, strict=True))
+    return dict(zip(("time", *ENERGY_COLUMNS), np.array(mbs.GetSensorStoredData(sensor)).T, strict=True))
 
 
 def check(found: dict[str, np.ndarray], tolerance: float) -> None:
