@@ -41,8 +41,7 @@ def test_the_estimate_tends_to_the_true_error(robot: Robot, model: Model, load: 
 
 def test_a_pure_moment_has_no_discretisation_error() -> None:
     """A continuous parallel tendon bends the backbone into an arc, which one element follows exactly."""
-    result = simulate(single(), Model("continuous", "none", 1), pull(2.5))
-    assert result.steps[0].discretisation_error < 1e-12
+    assert simulate(single(), Model("continuous", "none", 1), pull(2.5)).steps[0].discretisation_error < 1e-12
 
 
 def test_the_automatic_mesh_meets_its_tolerance() -> None:

@@ -256,8 +256,7 @@ def test_play_at_its_null_value_has_no_derivative_where_friction_depends_on_the_
     name = "effects.actuator_loss.efficiency"
     with pytest.raises(ValueError, match="friction depends on the order of the inputs"):
         run(EXPERIMENTS["per hole"], [name])
-    smooth = EXPERIMENTS["no friction"]
-    check(smooth, name)
+    check(EXPERIMENTS["no friction"], name)
     values = {"actuator_loss": {"dead_band": 0.0, "efficiency": 0.99}}
     chosen = effect_parameter(EXPERIMENTS["per hole"], "actuator_loss", "efficiency", values)
     check(with_effects(EXPERIMENTS["per hole"], values), chosen)

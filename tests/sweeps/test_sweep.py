@@ -153,8 +153,7 @@ def test_chosen_columns_of_a_step_are_those_of_its_end_where_an_effect_divides_i
 
 
 def test_a_sweep_from_objects(tmp_path):
-    path = write_files(tmp_path)
-    from_files = tdcr.sweep(path, executor=InProcess()).cases
+    from_files = tdcr.sweep(write_files(tmp_path), executor=InProcess()).cases
     scenario = tdcr.read_scenario(tmp_path / "scenario.toml")
     vary = [{"key": "steps[0].tensions.t1", "values": [0.5, 1.0, 1.5]}]
     vary += [{"key": "backbone.youngs_modulus", "mode": "factor", "values": [1.0, 1.2]}]

@@ -64,8 +64,7 @@ def test_noise_has_the_size_that_is_declared(made):
 
 def test_the_same_recipe_makes_the_same_set(made, tmp_path):
     folder, _, answer = made
-    again = make_blind(tmp_path, answer.recipe, substeps=1)
-    assert again == answer
+    assert make_blind(tmp_path, answer.recipe, substeps=1) == answer
     for path in folder.iterdir():
         assert path.read_bytes() == (tmp_path / path.name).read_bytes()
 

@@ -195,6 +195,5 @@ def test_the_command_ends_with_status_1_where_a_stored_number_is_another(tmp_pat
 
 
 def test_outside_a_checkout_it_says_where_the_net_is_looked_for(tmp_path: Path, capsys) -> None:
-    command = ["net", "--quick", "--stored", str(tmp_path / "nowhere"), "-o", str(tmp_path / "out")]
-    assert main(command) == 2
+    assert main(["net", "--quick", "--stored", str(tmp_path / "nowhere"), "-o", str(tmp_path / "out")]) == 2
     assert "nowhere: the net is not there" in capsys.readouterr().err
