@@ -209,8 +209,7 @@ class Estimator:
         ``response``, ``covariance``: by and of the unknowns, and more after them.
         """
         problem = self._problem
-        acting = problem.actuation(state.frame.commands, x)
-        result = self.simulation.result(0, "", state.report, acting)
+        result = self.simulation.result(0, "", state.report, problem.actuation(state.frame.commands, x))
         return Estimate(
             replace(result, converged=not message),
             state.frame.commands.time,

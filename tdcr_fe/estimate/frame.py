@@ -147,8 +147,7 @@ class Frame:
             Of the prior, shape (n, n).
         """
         residual, by_node = compared
-        left = posterior_covariance(covariance, by_node @ base.by_unknowns)
-        cross = left @ base.response.positions[-1].T
+        cross = posterior_covariance(covariance, by_node @ base.by_unknowns) @ base.response.positions[-1].T
         variances, directions = np.linalg.eigh(base.response.positions[-1] @ cross)
         found = []
         for k in np.flatnonzero(variances > (UNCERTAIN * self.problem.s[-1]) ** 2):

@@ -49,8 +49,7 @@ class LoadArrows:
     def draw_spatial(self, axes: Any, corner: Array) -> None:
         """The same in three dimensions; gravity at ``corner`` [mm]."""
         for start, vector, moment in self.arrows:
-            colour = MOMENT if moment else FORCE
-            axes.quiver(*start, *vector, color=colour, lw=1.4, arrow_length_ratio=0.25)
+            axes.quiver(*start, *vector, color=MOMENT if moment else FORCE, lw=1.4, arrow_length_ratio=0.25)
         if np.any(self.gravity):
             length = 0.12 * self.motion.length * MM
             direction = length * self.gravity / np.linalg.norm(self.gravity)

@@ -198,6 +198,15 @@ class Motion:
             found["markers"] = replace(self.markers, measured=measured, declared=declared)
         return replace(self, **found)
 
+    @property
+    def drawn_markers(self) -> Array:
+        """Measured markers [m], on the robot along axes on which a step does not read them, shape (n_steps, m, 3)."""
+        if self.markers is None:
+            return np.zeros((len(self.steps), 0, 3))
+        there, measured = self.positions[:, nearest(self.s, self.markers.s)], self.markers.measured
+        unseen = np.isnan(measured) & ~np.isnan(measured).all(axis=-1, keepdims=True)
+        return np.where(unseen, there, measured)
+
     def matrices(self, step: int) -> Array:
         """World rotations of all sections in a step (from 0), shape (n, 3, 3)."""
         return Rotation.from_quat(np.roll(self.rotations[step], -1, axis=1)).as_matrix()
@@ -243,8 +252,7 @@ def _tendon_geometry(robot: Robot, tendon: Tendon, continuous: bool) -> dict[str
         s = np.append((s[:-1, None] + share * np.diff(s)[:, None]).ravel(), s[-1])
         points = np.column_stack((tendon.routing.position(s, robot.end(tendon)), np.zeros_like(s)))
         segments = np.repeat(segments, POINTS_PER_BAY)
-    path = np.column_stack((s, points))
-    return {"name": tendon.name, "path": path.tolist(), "segments": segments.tolist()}
+    return {"name": tendon.name, "path": np.column_stack((s, points)).tolist(), "segments": segments.tolist()}
 
 
 def geometry(result: SequenceResult) -> dict[str, Any]:
@@ -316,8 +324,7 @@ def assemble(shape: Mapping[str, Any], nodes: Nodes, **rest: Any) -> Motion:
     disks = [float(x) for x in shape["disks"]["s"]]
     paths = [np.array(t["path"], dtype=float).reshape(-1, 4) for t in shape["tendons"]]
     loaded = [load.at for loads in rest["loads"] for load in loads.values()]
-    further = np.concatenate([np.array([*disks, *loaded]), *(p[:, 0] for p in paths)])
-    sections = nodes.with_sections(further)
+    sections = nodes.with_sections(np.concatenate([np.array([*disks, *loaded]), *(p[:, 0] for p in paths)]))
     radii = np.array(shape["backbone_radius"], dtype=float)
     return Motion(
         length=float(shape["length"]),

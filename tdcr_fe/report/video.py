@@ -108,8 +108,7 @@ class _Drawing:
         parts: list[Any] = [self.space.plot(*(MM * m.curve(0)).T, color=INK, lw=2.2)[0]]
         if len(m.disks):
             look: dict[str, Any] = {"facecolor": (0.75, 0.78, 0.82, 0.7), "edgecolor": SOFT, "lw": 0.4}
-            disks = Poly3DCollection(list(MM * m.rims(0)), **look)
-            parts.append(self.space.add_collection3d(disks))
+            parts.append(self.space.add_collection3d(Poly3DCollection(list(MM * m.rims(0)), **look)))
         for tendon, tensions in zip(m.tendons, m.tensions, strict=True):
             corners = MM * m.tendon_points(0, tendon)
             sides = np.stack((corners[:-1], corners[1:]), axis=1)
@@ -117,8 +116,7 @@ class _Drawing:
             parts.append(self.space.add_collection3d(Line3DCollection(list(sides), colors=colours, lw=1.6)))
         for _, place, vector, moment in m.load_arrows(0):
             scaled = LONGEST * MM * m.length / self.largest_loads[moment] * vector
-            colour = MOMENT if moment else FORCE
-            parts.append(self.space.quiver(*(MM * place), *scaled, color=colour, lw=1.6))
+            parts.append(self.space.quiver(*(MM * place), *scaled, color=MOMENT if moment else FORCE, lw=1.6))
         self.moving = parts
 
 

@@ -71,7 +71,7 @@ def still(motion: Motion) -> str:
     view, plate = _view(motion.tips[k], motion.length), motion.plate
     rims, curve = motion.rims(k), motion.curve(k)
     tendons = [motion.tendon_points(k, t) for t in motion.tendons]
-    markers = motion.markers.measured[k] if motion.markers is not None else np.zeros((0, 3))
+    markers = motion.drawn_markers[k]
     everything = np.concatenate([curve, plate, *rims, *tendons]) @ view[:2].T
     low, high = everything.min(axis=0), everything.max(axis=0)
     scale = float(np.min((1.0 - 2.0 * MARGIN) * np.array([WIDTH, HEIGHT]) / np.maximum(high - low, 1e-12)))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tdcr_fe.elements import Array, Index
-from tdcr_fe.report.motion import Markers, Motion, nearest, spread
+from tdcr_fe.report.motion import Motion, nearest, spread
 
 #: Number of poses (sections times load steps) in one page; more are thinned out.
 POSES = 80_000
@@ -120,14 +120,6 @@ def _short(vector: Array) -> list[float]:
     return [float(f"{size * round(float(x) / size, 7):.7g}") for x in vector]
 
 
-def _markers(motion: Motion, markers: Markers) -> dict[str, Any]:
-    """Markers as the page draws them: on the robot along axes on which a step does not read them."""
-    there, measured = motion.positions[:, nearest(motion.s, markers.s)], markers.measured
-    unseen = np.isnan(measured) & ~np.isnan(measured).all(axis=-1, keepdims=True)
-    drawn = quantised(np.where(unseen, there, measured))
-    return {"s": markers.s.tolist(), "measured": drawn, "declared": quantised(markers.declared)}
-
-
 def panel_data(motion: Motion) -> dict[str, Any]:
     """All that the script of the panel draws, as JSON.
 
@@ -142,7 +134,7 @@ def panel_data(motion: Motion) -> dict[str, Any]:
     count = len(motion.steps)
     flat = np.concatenate([np.zeros((count, 0)), *motion.tensions], axis=1)
     states = np.concatenate([np.zeros((count, 0), dtype=np.uint8), *codes], axis=1)
-    return {
+    data: dict[str, Any] = {
         "name": motion.name,
         "length": motion.length,
         "steps": list(motion.steps),
@@ -175,5 +167,9 @@ def panel_data(motion: Motion) -> dict[str, Any]:
         "bending": np.degrees(motion.bending_angles).round(4).tolist(),
         "loads": [_loads(motion, k) for k in range(count)],
         "gravity": motion.gravity.tolist(),
-        "markers": _markers(motion, motion.markers) if motion.markers is not None else None,
+        "markers": None,
     }
+    if (given := motion.markers) is not None:
+        drawn = {"measured": quantised(motion.drawn_markers), "declared": quantised(given.declared)}
+        data["markers"] = {"s": given.s.tolist(), **drawn}
+    return data
