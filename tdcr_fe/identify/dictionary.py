@@ -206,8 +206,7 @@ def _rough_holes(problem: FitProblem) -> Iterator[Cause]:
 
         where, text, price = f"tendon {name}, s = {s:.4g} m", "one hole is rougher", math.log(len(holes))
         kind = Kind("transmission", ("place",), where)
-        label = f"friction at a hole ({where})"
-        yield ChangedDescription(label, kind, (friction,), rougher, text, price)
+        yield ChangedDescription(f"friction at a hole ({where})", kind, (friction,), rougher, text, price)
 
 
 def _friction_laws(problem: FitProblem, state: BayState) -> Iterator[Cause]:

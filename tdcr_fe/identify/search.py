@@ -537,7 +537,8 @@ def grow(search: Search, state: SearchState) -> SearchState:
             state, new = propose(search, state, parent)
             new = [x for x in new if len(x.names) <= most_effects]
             pool += new
-            search.report(f"fitting {' + '.join(x.score.effect.name for x in new[:5])}", progress)
+            if new:
+                search.report(f"fitting {' + '.join(x.score.effect.name for x in new[:5])}", progress)
             ahead = state.best if search.explained(state) else None
             state, fits = fit_proposals(search, state, new, ahead)
             better = _accepted(search, state, fits)
