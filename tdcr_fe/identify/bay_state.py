@@ -175,8 +175,7 @@ def bay_state(experiment: Experiment, steps: Sequence[StepResult]) -> BayState:
     whole = [actions[j] for j in experiment.whole_steps]
     time = np.array([a.time for a in whole])
     direction = last_direction(np.array([a.values for a in whole]).reshape(count, m))
-    begins = np.arange(count) == 0
-    return BayState(edges, curvature, rotation, moved, tension, lever, direction, time, begins)
+    return BayState(edges, curvature, rotation, moved, tension, lever, direction, time, np.arange(count) == 0)
 
 
 def last_direction(values: Array, least: float = 0.0) -> Array:

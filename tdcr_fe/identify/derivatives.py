@@ -248,8 +248,7 @@ class _Part:
         change = bay_state.Action(e.by_value(state, values, name), state.rotation)
         self.along_history[number] = change
         none = np.zeros((len(self.experiment.steps), len(self.experiment.robot.tendons)))
-        loads = bay_state.loads_of(self.experiment, change)
-        return StepInputs(f"{number} {e.name}.{name}", none, loads)
+        return StepInputs(f"{number} {e.name}.{name}", none, bay_state.loads_of(self.experiment, change))
 
     def _moved(self, number: int, coordinate: float) -> Experiment:
         """The experiment with the parameter of a column at a coordinate.
@@ -365,18 +364,22 @@ class _Part:
         """Columns of loads that depend on the state; and what those of the model add to the other columns."""
         assert run.bays is not None and run.acted is not None
         state, response, loads = run.bays, run.acted.response, _loads(self.effects)
-        (steps, bays), count = state.shape, len(self.request.columns)
-        actions = np.zeros((count, steps, bays, COMPONENTS))
-        for number, column in enumerate(self.request.columns):
-            if isinstance(column.effect, StateLoad):
-                actions[number] = column.effect.by_value(state, column.values, column.parameter)
-        for number, change in self.along_history.items():
-            actions[number] -= change.in_frames(state.rotation).values
-        stacked = np.moveaxis(actions.reshape(count, steps, bays * COMPONENTS), 0, -1)
+        steps, bays = state.shape
+        own = {n: x.effect for n, x in enumerate(self.request.columns) if isinstance(x.effect, StateLoad)}
+        which = sorted({*own, *(numbers if loads else ())})
+        actions = np.zeros((len(which), steps, bays, COMPONENTS))
+        for action, number in zip(actions, which, strict=True):
+            if number in own:
+                column = self.request.columns[number]
+                action += own[number].by_value(state, column.values, column.parameter)
+            if number in self.along_history:
+                action -= self.along_history[number].in_frames(state.rotation).values
+        stacked = np.moveaxis(actions.reshape(len(which), steps, bays * COMPONENTS), 0, -1)
         if loads:
-            stacked[..., numbers] += through_state(loads, self.values, state, moved)
+            by_state = through_state(loads, self.values, state, moved)
+            stacked[..., np.searchsorted(which, numbers)] += by_state
             stacked[:] = np.linalg.solve(coupling(loads, self.values, state, response), stacked)
-        matrix += of_readings(self.problem, stacked, response)
+        matrix[:, which] += of_readings(self.problem, stacked, response)
 
 
 def _difference(values: Mapping[int, Array], present: Array, step: float) -> Array:

@@ -338,8 +338,7 @@ def _routings(problem: FitProblem) -> Iterator[Cause]:
     Or of all tendons: at another distance, or off the centre.
     """
     ends = "base", "end"
-    angle = number("angle", "rad", (-1.5, 1.5), 0.0, 0.02)
-    numbers = number("factor", "1", (0.3, 3.0), 1.0, 0.02), angle
+    numbers = number("factor", "1", (0.3, 3.0), 1.0, 0.02), number("angle", "rad", (-1.5, 1.5), 0.0, 0.02)
     along = _at(numbers, ends, "at the ")
     for name in problem.experiment.robot.tendon_names:
 

@@ -43,8 +43,7 @@ def comparison(result: IdentificationResult) -> Figure:
     drawers = [_tip_path, _shape_lines, _loop] if np.isfinite(result.shapes.measured).any() else [_readings]
     with styled():
         figure = Figure(figsize=(11.6, 3.7), layout="constrained")
-        axes = figure.subplots(1, len(drawers), squeeze=False)[0]
-        for ax, draw in zip(axes, drawers, strict=True):
+        for ax, draw in zip(figure.subplots(1, len(drawers), squeeze=False)[0], drawers, strict=True):
             ax.set_visible(draw(ax, result))
         fills = {"measured": MEASURED} | ({"measured, held out": "white"} if result.held_out_steps else {})
         drawn = _drawn(result, result.shapes.before, result.shapes.after)

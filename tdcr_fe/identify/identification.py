@@ -353,8 +353,7 @@ def with_friction(problem: FitProblem, search: Search, state: SearchState) -> Se
     search.report("the best model with friction", 0.8)
     problem = replace(_on_mesh_of(state.problem, problem), robust_threshold=state.problem.robust_threshold)
     without = evaluate(without_friction(problem), state.best.effects, state.best.values)
-    race = fitting.Race(deadline=search.deadline)
-    best = fitting.fit(problem, state.best.effects, state.best.values, race)
+    best = fitting.fit(problem, state.best.effects, state.best.values, fitting.Race(deadline=search.deadline))
     costs = [(f.cost + f.held_cost) / problem.count for f in (best, without)]
     both = f"the misfit per reading is {costs[0]:.3g}, without {costs[1]:.3g}"
     if not costs[0] < costs[1]:

@@ -440,7 +440,8 @@ def _carried_over(problem: FitProblem, best: Fit, e: Effect) -> dict[str, float]
     A number of all is the mean of those of each, and one of each is that of all.
     """
     same = next((x for x in best.effects if x.listed == e.listed), None)
-    same = same or next(x for x in best.effects if isinstance(x, Cause) and x.everywhere == e.name)
+    causes = (x for x in best.effects if isinstance(x, Cause))
+    same = same or next(x for x in causes if e.law == x.law or e.name == x.everywhere)
     own, null = best.values[same.name], e.null_values(problem.experiment)
     alike = {
         n: [x for m, x in own.items() if f"{m}_".startswith(f"{n}_") or n.startswith(f"{m}_")] for n in null

@@ -360,6 +360,15 @@ def test_displacements_are_off_by_a_wave_of_a_spool_or_by_what_tendons_have_give
     np.testing.assert_allclose(acted, given + np.column_stack((-0.5 * integral, 1e-4 * wave)), atol=1e-12)
 
 
+def test_an_unlisted_cause_of_all_tendons_is_tried_for_each():
+    problem, _, causes = declared()
+    one, each = (causes[f"input gain that grows ({x})"] for x in ("all", "each"))
+    best = evaluate(problem, (one,), {one.name: {"all": 0.1}})
+    state = replace(state_of(problem), best=best, dictionary=(one, each))
+    assert search.other_forms(state) == [(each,)]
+    assert search.refitted(state, [(each,)])[1][0].values[each.name].keys() == {"t1", "t2"}
+
+
 def test_late_inputs_are_those_on_the_way_to_the_command_a_time_before():
     """A blind set of motors that began 2 s late, with pauses of 8 to 50 s, ended with a lag and without a verdict."""
     data = measured()
