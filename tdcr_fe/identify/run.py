@@ -318,6 +318,5 @@ class Readings:
             for known, which, locations in self._groups:
                 mine = np.flatnonzero(self.step[which] == k)
                 if mine.size:
-                    places = [locations[i] for i in mine]
-                    out[which[mine]] = by_differences(known.predict(moved, places), h)
+                    out[which[mine]] = by_differences(known.predict(moved, [locations[i] for i in mine]), h)
         return out

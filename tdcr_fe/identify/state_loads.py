@@ -348,7 +348,8 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> Iterator
             step = TYPICAL / most
             span = -FARTHEST * step, FARTHEST * step
             numbers.append(Parameter(label, unit, *span, 0.0, step, meaning or label))
-        yield StateLoad(name, kind, tuple(numbers), tuple(t for *_, t in terms), text, price)
+        if numbers:
+            yield StateLoad(name, kind, tuple(numbers), tuple(t for *_, t in terms), text, price)
 
     # Of several folders times begin anew, and what changes does so between them.
     restarts = problem.data.restarts
@@ -449,9 +450,9 @@ def _free(term: Term, state: BayState) -> list[tuple[str, str, Callable[[BayStat
         return np.interp(factor.value(state), at, shape)
 
     found = []
-    for x, shape in zip(at[1:].tolist(), np.eye(len(at))[1:], strict=True):
+    for k, shape in enumerate(np.eye(len(at))[1:], 1):
         own = replace(term, factors=(replace(factor, unit="", value=partial(share, shape=shape)),))
-        found += [(f"{n}_at_{x:.3g}", unit, act) for n, unit, act in own.actions]
+        found += [(f"{n}_{k}_at_{at[k]:.3g}", unit, act) for n, unit, act in own.actions]
     return found
 
 

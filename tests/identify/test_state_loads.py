@@ -9,7 +9,7 @@ import pytest
 from identify_data import BY_ROW, FRICTIONAL, LENGTH, ROBOT, data_of, measured, positions
 from searches import causes_of, check_run, declared, problem_of, read_as_predicted
 
-from tdcr_fe import Experiment, Load, LoadStep, Reading, Robot
+from tdcr_fe import Disks, Experiment, Load, LoadStep, Reading, Robot
 from tdcr_fe.effects import Parameter, effect
 from tdcr_fe.effects.base import Kind
 from tdcr_fe.identify import identify, state_loads
@@ -229,11 +229,13 @@ def test_bending_that_is_coupled_with_twist_winds_the_rod():
 
 def test_viscous_drag_holds_the_tip_back_by_its_velocity():
     """Of a tip with compliance C: (1 + c C / dt) x = C F + c C / dt x_before, however large the drag."""
-    force, times = 1e-5, np.array([0.0, 1.0, 3.0, 4.0])
-    steps = tuple(LoadStep(loads={"tip": Load(LENGTH, (force * (t > 0.0), 0.0, 0.0))}, time=t) for t in times)
+    force, times = 1e-5, 1.7e9 + np.array([0.0, 1.0, 3.0, 4.0])
+    pushes = [Load(LENGTH, (force * (t > times[0]), 0.0, 0.0)) for t in times]
+    steps = tuple(LoadStep(loads={"tip": p}, time=t) for p, t in zip(pushes, times, strict=True))
     readings = tuple(Reading(k, "position_x", LENGTH, 0.0, 1e-4) for k in range(1, len(steps) + 1))
-    problem = problem_of(data_of(steps, readings, Robot(ROBOT.backbone, ROBOT.disks, ())))
+    problem = problem_of(data_of(steps, readings, Robot(ROBOT.backbone, Disks.equally_spaced(1, LENGTH), ())))
     free, causes = causes_of(problem)
+    assert all(len({p.name for p in e.parameters}) == len(e.parameters) > 0 for e in causes.values())
     load, still = causes["viscous drag (tip)"], free.bays.moved[1, -1, 0]
     run = linearize(problem, [Request((load,), {load.name: {"coefficient": 20.0 * force / still}}, ())])[
         0

@@ -222,8 +222,7 @@ def test_what_nothing_holds_is_named():
     cart = mbs.CreateRigidBody(name="cart", inertia=InertiaCuboid(1e3, [0.05] * 3))
     mbs.CreatePrismaticJoint(itemNumbers=[mbs.CreateGround(), cart], position=[0, 0, 0], axis=[1, 0, 0])
     marker = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=cart))
-    handle = CreateTDCR(mbs, single(0.3), MODEL, baseMarker=marker)
-    load = handle.add_load("tip", LENGTH)
+    load = CreateTDCR(mbs, single(0.3), MODEL, baseMarker=marker).add_load("tip", LENGTH)
     mbs.Assemble()
     load.set([0.01, 0.0, 0.0])
     with pytest.raises(StepFailed, match="Nothing holds robot 'paper', 'cart': fix or support"):

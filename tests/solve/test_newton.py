@@ -54,8 +54,7 @@ def test_a_stored_state_is_small_and_starts_another_run():
     first = newton(system, system.current_state(), target(1.0), SolverSettings())
     stored = pickle.loads(pickle.dumps(first.state.stored()))
     assert len(pickle.dumps(stored)) < 12_000
-    warm = system.warm_start(system.current_state(), stored)
-    result = newton(system, warm, target(1.0), SolverSettings())
+    result = newton(system, system.warm_start(system.current_state(), stored), target(1.0), SolverSettings())
     assert result.iterations == 0 and result.converged
 
 
