@@ -5,6 +5,7 @@ from .effects import with_effects as with_effects
 from .estimate.description import Estimate as Estimate
 from .estimate.description import InputPrior as InputPrior
 from .estimate.description import LoadPrior as LoadPrior
+from .estimate.description import ParameterPrior as ParameterPrior
 from .estimate.estimator import Estimator as Estimator
 from .estimate.run import EstimateResult as EstimateResult
 from .estimate.run import read_estimation as read_estimation

@@ -1,10 +1,10 @@
-"""What is estimated, and what is known before: `LoadPrior`, `InputPrior`, and the result of a frame, `Estimate`."""
+"""What is estimated, and what is known before: `LoadPrior`, `InputPrior`, `ParameterPrior`; a result: `Estimate`."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 import numpy as np
@@ -73,6 +73,31 @@ class InputPrior(InputErrors):
         return by_tendon("inputs.sigma", self.sigma, names)
 
 
+@dataclass(frozen=True, eq=False)
+class ParameterPrior:
+    """Effects on the robot whose numbers have constant errors, such as friction that is known to 0.03.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of these numbers, ``"EFFECT.PARAMETER"`` with the names of the table ``[effects]``.
+    covariance : ndarray, shape (q, q)
+        Of their errors; of a number that `identify` fits through its inverse, of the error of that.
+    effects : mapping
+        Values of effects that the robot has besides its description, by effect and parameter; without one a number has
+        its null value.
+    """
+
+    names: tuple[str, ...] = ()
+    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    @classmethod
+    def independent(cls, sigma: Mapping[str, float]) -> ParameterPrior:
+        """Numbers with independent errors, from their standard deviations by name."""
+        return cls(tuple(sigma), np.diag([x**2 for x in sigma.values()]))
+
+
 def memory(prior: LoadPrior | InputPrior, elapsed: float) -> tuple[float, float]:
     """Factor from one frame to the next, and growth of the variance in units of sigma squared [1].
 
@@ -102,6 +127,8 @@ class Estimate:
         [N^2, N^2 m^2].
     input_errors : ndarray, shape (n_tendons,)
         Inputs that act less those that were given [N, m or rad].
+    parameters, sigma_parameters : ndarray, shape (q,)
+        Of effects with errors, and their standard deviations, in the order of `ParameterPrior.names`.
     tensions, sigma_tensions : ndarray, shape (n_tendons,)
         At the base, and their standard deviations [N].
     tension_covariance : ndarray, shape (n_tendons, n_tendons)
@@ -126,6 +153,8 @@ class Estimate:
     force_covariance: Array
     moment_covariance: Array
     input_errors: Array
+    parameters: Array
+    sigma_parameters: Array
     tensions: Array
     tension_covariance: Array
     position_covariance: Array

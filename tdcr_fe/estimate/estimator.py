@@ -13,13 +13,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
-from tdcr_fe.effects import Observation
+from tdcr_fe.effects import Experiment, Observation, with_effects
 from tdcr_fe.elements import Array
-from tdcr_fe.estimate.description import Estimate, InputPrior, LoadPrior, memory
+from tdcr_fe.estimate.description import Estimate, InputPrior, LoadPrior, ParameterPrior, memory
 from tdcr_fe.estimate.frame import PLACE, Frame, Problem, Solved, Volume, name_at
 from tdcr_fe.estimate.most_probable import posterior_covariance
 from tdcr_fe.estimate.response import Response, plastic_slips
+from tdcr_fe.estimate.uncertain import UncertainEffects
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import Actuation, Load, LoadStep, Model, SolverSettings, resolve
 from tdcr_fe.model.robot import Robot
@@ -53,13 +55,16 @@ class Estimator:
         Load steps that name the known loads, which act besides the estimated one; all loads must be named here.
     observation
         How positions are measured.
+    uncertain
+        Effects whose numbers have errors; None: the description holds.
     settings
         Numerics; None are those of any load step with a tolerance of 1e-5.
 
     Raises
     ------
     ValueError
-        The priors do not fit the robot, or the model has another hysteresis than "elastic-plastic".
+        The priors do not fit the robot, an uncertain effect changes neither robot nor model or decides whether a hole
+        has friction, or the model has another hysteresis than "elastic-plastic".
     """
 
     def __init__(
@@ -71,6 +76,7 @@ class Estimator:
         *,
         steps: Sequence[LoadStep] = (),
         observation: Observation | None = None,
+        uncertain: ParameterPrior | None = None,
         settings: SolverSettings | None = None,
     ) -> None:
         hint = "a Robot. read_robot(path) reads one from robot.toml"
@@ -81,31 +87,50 @@ class Estimator:
             raise ValueError(f"Estimator: model.hysteresis = {model.hysteresis!r}; must be 'elastic-plastic'")
         length = robot.backbone.length
         load.check(length)
-        self.robot, self.model, self.load, self.inputs = robot, model, load, inputs
-        known = [LoadStep(loads=step.loads) for step in steps]
-        places = [length if isinstance(load.at, str) else load.at]
+        self.load, self.inputs = load, inputs
+        known = tuple(LoadStep(loads=step.loads) for step in steps)
+        places, uncertain = [length if isinstance(load.at, str) else load.at], uncertain or ParameterPrior()
         if load.at == "unknown":
-            handle = Simulation(robot, model, resolve(robot, known)).handle
+            own = with_effects(Experiment(robot, model, known), uncertain.effects)
+            handle = Simulation(own.robot, own.model, resolve(own.robot, own.steps)).handle
             places = [float(s) for s in handle.mesh.arc_lengths[1:]]
-        #: Steps that name all loads.
-        self.steps = (*known, LoadStep(loads={name_at(s): Load(at=s) for s in places}))
-        settings = settings or SolverSettings(tolerance=TOLERANCE)
-        self.simulation = Simulation(robot, model, resolve(robot, self.steps), settings)
-        loaded = np.array([self.simulation.handle.mesh.node_at(s, 1e-6) for s in places])
+        steps = (*known, LoadStep(loads={name_at(s): Load(at=s) for s in places}))
+        effects = UncertainEffects(Experiment(robot, model, steps), uncertain)
         # Uniform along the body where it is unknown.
         of_place = length / np.sqrt(12.0) if load.at == "unknown" else 0.0
         of_load, of_inputs = np.repeat((load.sigma, load.sigma_moment), 3), inputs.sigmas(robot.tendon_names)
-        self._problem = Problem(self.simulation, observation or Observation(), loaded, of_inputs)
-        slips = plastic_slips(self.simulation, self.simulation.state)
-        self._sigmas = np.concatenate((of_load, [of_place], of_inputs, 0.0 * slips))
+        given = settings or SolverSettings(tolerance=TOLERANCE), observation or Observation()
+        self._problem = problem = Problem.of(effects, *given, places, of_inputs)
+        law = problem.simulation.handle.actuation.law
+        of_others = np.concatenate(
+            (of_load, [of_place], of_inputs, np.zeros(np.count_nonzero(law.frictional)))
+        )
+        self._sigmas = np.pad(of_others, (0, len(uncertain.names)))  # of what changes from frame to frame
         self._typical = np.zeros(len(self._sigmas))
         self._typical[PLACE] = 0.5 * length if load.at == "unknown" else places[0]
         self._mean = self._typical
-        self._covariance = np.diag(self._sigmas**2)
+        begin, slips = np.eye(len(self._sigmas)), law.slip_operator @ problem.explicit.released_unloaded()
+        begin[problem.history, problem.parameters] = slips[law.frictional]
+        self._covariance = begin @ block_diag(np.diag(of_others**2), uncertain.covariance) @ begin.T
         self._commands: Actuation | None = None
         self._last: Solved | None = None
         self._volume = Volume()
         self._number = 0
+
+    @property
+    def simulation(self) -> Simulation:
+        """Of the robot, in the present state."""
+        return self._problem.simulation
+
+    @property
+    def robot(self) -> Robot:
+        """With effects at their present values."""
+        return self.experiment.robot
+
+    @property
+    def experiment(self) -> Experiment:
+        """As `robot`, with model and steps that name all loads."""
+        return self._problem.effects.experiment
 
     def step(self, step: LoadStep, readings: Sequence[Reading] = ()) -> Estimate:
         """Estimate the state in the next frame.
@@ -172,19 +197,42 @@ class Estimator:
             self.simulation.return_to(frame.start)
             state = Solved.of(frame, self._mean, UNSOLVED)
             return self._estimate(state, self._mean, state.response, self._covariance, np.nan, message)
-        state, history = found.point, self._problem.history
+        state, unknowns = found.point, found.unknowns
+        variances = np.diagonal(posterior_covariance(covariance, state.jacobian))
+        state, unknowns = self._at_present_values(state, unknowns, variances[self._problem.parameters])
+        history = self._problem.history
         for _ in range(STATES - found.states if read else 0):
             self._volume = self._volume.renewed(state, held)
         self.simulation.position = state.position
         after = posterior_covariance(covariance, state.jacobian)
         response, likely = state.with_likely_states(covariance, after)
-        self.simulation.return_to(Position(state.moved(found.unknowns)))
-        self._mean, self._last = found.unknowns.copy(), state
+        self.simulation.return_to(Position(state.moved(unknowns)))
+        self._mean, self._last = unknowns.copy(), state
         self._mean[history] = plastic_slips(self.simulation, self.simulation.state)
-        carried = np.vstack((np.eye(len(mean))[: history.start], state.response.plastic_slips))
+        same = np.eye(len(mean))
+        carried = np.vstack((same[: history.start], state.response.plastic_slips, same[history.stop :]))
         after = carried @ after @ carried.T
         self._covariance = 0.5 * (after + after.T)
-        return self._estimate(state, found.unknowns, response, likely, found.misfit, "")
+        return self._estimate(state, unknowns, response, likely, found.misfit, "")
+
+    def _at_present_values(self, state: Solved, unknowns: Array, variances: Array) -> tuple[Solved, Array]:
+        """A solved frame and its unknowns, with effects at the values found where these are a standard deviation off.
+
+        As it is where that is not solved; ``variances``: of the errors of the effects, given the readings.
+        """
+        problem, which = self._problem, self._problem.parameters
+        effects, counted = problem.effects.moved(unknowns[which]), unknowns.copy()
+        change = effects.coordinates - problem.effects.coordinates
+        if not np.any(change**2 > variances):
+            return state, unknowns
+        counted[which] -= change
+        own, start = problem.with_effects(effects), state.frame.start.state
+        start = own.simulation.system.warm_start(start, start.stored())  # its unloaded shape may be another
+        solved = replace(state.frame, problem=own, start=Position(start)).solved(counted)
+        if solved is None:
+            return state, unknowns
+        self._problem = own
+        return solved, counted
 
     def _prior(self, frame: Frame) -> tuple[Array, Array]:
         """Mean and covariance of the unknowns of a frame before its readings."""
@@ -209,6 +257,7 @@ class Estimator:
         ``response``, ``covariance``: by and of the unknowns, and more after them.
         """
         problem = self._problem
+        errors = x[problem.parameters]
         result = self.simulation.result(0, "", state.report, problem.actuation(state.frame.commands, x))
         return Estimate(
             replace(result, converged=not message),
@@ -220,6 +269,8 @@ class Estimator:
             covariance[:3, :3],
             covariance[3:6, 3:6],
             x[problem.inputs],
+            problem.effects.values(errors),
+            problem.effects.sigmas(errors, np.diagonal(covariance)[problem.parameters]),
             result.base_tensions,
             response.base_tensions @ covariance @ response.base_tensions.T,
             response.positions @ covariance @ response.positions.swapaxes(1, 2),

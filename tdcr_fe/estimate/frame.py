@@ -1,7 +1,9 @@
 """One frame: the load step from the state before it to given unknowns, what is read of it, and the most probable state.
 
-The unknowns are force and moment of the load (6), its place, the errors of the inputs (m), and the plastic slips of the
-holes at the beginning of the frame (k). Those that are known, such as a moment that there is not, have no variance.
+The unknowns are force and moment of the load (6), its place, the errors of the inputs (m), the plastic slips of the
+holes at the beginning of the frame (k), and the errors of parameters of the robot (q). Those that are known, such as a
+moment that there is not, have no variance. Load steps are solved with the parameters as given, and their errors act to
+first order.
 """
 
 from __future__ import annotations
@@ -26,12 +28,14 @@ from tdcr_fe.estimate.response import (
     with_plastic_slips,
     within_bounds,
 )
+from tdcr_fe.estimate.uncertain import UncertainEffects
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.channels import by_differences
-from tdcr_fe.model.loading import Actuation, Load
+from tdcr_fe.model.loading import Actuation, Load, SolverSettings, resolve
 from tdcr_fe.model.observed_step import ObservedStep
 from tdcr_fe.solve.equations.configuration import SolverState, StoredState
 from tdcr_fe.solve.load_steps.load_path import Increment, LoadStepReport, Position, StepFailed
+from tdcr_fe.solve.sensitivities.robot_model import ExplicitDerivatives
 from tdcr_fe.solve.simulation import Simulation
 
 #: The load and its place among the unknowns.
@@ -56,11 +60,35 @@ def name_at(place: float) -> str:
 class Problem:
     """The robot and where its load may act."""
 
-    simulation: Simulation
+    effects: UncertainEffects
+    simulation: Simulation  # With the effects at their present values
     observation: Observation
     # Nodes that may carry the load; several, base plate left out, where its place is unknown
     loaded: Index
     input_sigmas: Array  # (m,): Standard deviations of the inputs
+    explicit: ExplicitDerivatives  # By the parameters whose errors are among the unknowns
+
+    @classmethod
+    def of(
+        cls,
+        effects: UncertainEffects,
+        settings: SolverSettings,
+        observation: Observation,
+        places: Sequence[float],
+        input_sigmas: Array,
+    ) -> Problem:
+        """Of a robot whose steps name all loads; ``places``: arc lengths that may carry the estimated one [m]."""
+        own = effects.experiment
+        simulation = Simulation(own.robot, own.model, resolve(own.robot, own.steps), settings)
+        loaded = np.array([simulation.handle.mesh.node_at(s, 1e-6) for s in places])
+        return cls(
+            effects, simulation, observation, loaded, input_sigmas, effects.derivatives(simulation.handle)
+        )
+
+    def with_effects(self, effects: UncertainEffects) -> Problem:
+        """With effects at other values."""
+        given = self.simulation.settings, self.observation, self.s[self.loaded].tolist(), self.input_sigmas
+        return Problem.of(effects, *given)
 
     @property
     def s(self) -> Array:
@@ -75,7 +103,13 @@ class Problem:
     @property
     def history(self) -> slice:
         """The plastic slips among the unknowns."""
-        return slice(self.inputs.stop, None)
+        frictional = self.simulation.handle.actuation.law.frictional
+        return slice(self.inputs.stop, self.inputs.stop + int(frictional.sum()))
+
+    @property
+    def parameters(self) -> slice:
+        """Errors of parameters among the unknowns."""
+        return slice(self.history.stop, self.history.stop + len(self.effects.prior.names))
 
     def at_given_place(self, covariance: Array) -> tuple[Array, Array]:
         """Change of all unknowns with the place of the load [1/m], and their covariance at a given place."""
@@ -244,7 +278,9 @@ class Solved:
     report: LoadStepReport
     position: Position
     observed: ObservedStep
-    by_node: Response  # Derivatives by inputs, loads on all nodes that may carry it, and plastic slips
+    by_node: (
+        Response  # Derivatives by inputs, loads on all nodes that may carry it, plastic slips and parameters
+    )
 
     @classmethod
     def of(cls, frame: Frame, unknowns: Array, report: LoadStepReport) -> Solved:
@@ -254,7 +290,8 @@ class Solved:
         # Far from the readings slack tendons count as taut: else no reading could show that they are.
         taut = wound.any() and frame.is_far_from(seen)
         giving = np.zeros(len(wound)) if taut else None
-        by_node = Response.of(simulation, problem.loaded, None, giving, frame.reads_curvatures)
+        curvatures = frame.reads_curvatures
+        by_node = Response.of(simulation, problem.loaded, problem.explicit, None, giving, curvatures)
         return cls(frame, unknowns, report, simulation.position, seen, by_node)
 
     @cached_property
@@ -264,21 +301,21 @@ class Solved:
 
     @cached_property
     def by_unknowns(self) -> Array:
-        """Derivatives of inputs, loads on nodes and plastic slips by the unknowns."""
+        """Derivatives of inputs, loads on nodes, plastic slips and parameters by the unknowns."""
         problem, place = self.frame.problem, self.unknowns[PLACE]
         found, slopes, m = self._weights(place), problem.shares(place)[1], len(problem.input_sigmas)
         found[m : m + 6 * len(slopes), PLACE] = np.outer(slopes, self.unknowns[LOAD]).ravel()
         return found
 
     def _weights(self, place: float) -> Array:
-        """From the unknowns to inputs, loads on nodes and plastic slips, where the load stays at a place [m]."""
+        """As `by_unknowns`, where the load stays at a place [m]."""
         problem = self.frame.problem
         shares, m = problem.shares(place)[0], len(problem.input_sigmas)
         ends = m + 6 * len(shares)
         found = np.zeros((self.by_node.positions.shape[-1], len(self.unknowns)))
         found[:m, problem.inputs] = np.diag(problem.acting(self.frame.commands, self.unknowns)[1])
         found[m:ends, LOAD] = (shares[:, None, None] * np.eye(6)).reshape(-1, 6)
-        found[ends:, problem.history] = np.eye(len(found) - ends)
+        found[ends:, problem.history.start :] = np.eye(len(found) - ends)
         return found
 
     @cached_property
@@ -296,7 +333,9 @@ class Solved:
         read = np.array([(r.value, r.sigma) for r in readings], dtype=float).reshape(-1, 2)
         found = [r.channel.predict(moved, [r.location]) for r in readings]
         predicted = np.hstack((np.zeros((len(moved.positions), 0)), *found))
-        return (read[:, 0] - predicted[0]) / read[:, 1], by_differences(predicted, h) / read[:, 1:]
+        jacobian, errors = by_differences(predicted, h), self.unknowns[self.frame.problem.parameters]
+        expected = predicted[0] + jacobian[:, jacobian.shape[1] - len(errors) :] @ errors
+        return (read[:, 0] - expected) / read[:, 1], jacobian / read[:, 1:]
 
     @cached_property
     def _of_frame(self) -> tuple[Array, Array]:
@@ -356,14 +395,15 @@ class Solved:
 
         presliding, slips = law.hysteresis.presliding, self.position.state.friction[0].slip[law.frictional]
         changes = by_node.plastic_slips + presliding * by_node.mobilisations
-        changes[:, m + 6 * len(problem.loaded) :] -= np.eye(len(slips))
+        changes[:, m + 6 * len(problem.loaded) :][:, : len(slips)] -= np.eye(len(slips))
         trial = (slips - self.unknowns[history]) / presliding
         sticking, left = within_bounds(trial, spread(changes) / presliding, -1.0, 1.0)
         as_slip = presliding * np.divide(left, sticking, np.zeros(len(slips)), where=sticking > 0.0)
 
         likely = self
         if len(slips) or np.any(np.abs(taut - counted)[wound] > LEAST_INSIDE):
-            by_node = Response.of(simulation, problem.loaded, sticking, giving, frame.reads_curvatures)
+            given = problem.explicit, sticking, giving, frame.reads_curvatures
+            by_node = Response.of(simulation, problem.loaded, *given)
             likely = replace(self, by_node=by_node)
         weights = np.hstack((by, by[:, history] * as_slip, by[:, inputs] * as_input))
         jacobian = likely._of_frame[1] @ weights
@@ -381,8 +421,14 @@ class Solved:
         return change
 
     def towards(self, frame: Frame, unknowns: Array) -> StoredState:
-        """The state at other unknowns of its frame or of the next one, to first order."""
-        state, response, change = self.position.state, self.response, self._change_to(frame, unknowns)
+        """The state at other unknowns of its frame or of the next one, to first order; parameters are as given."""
+        change = self._change_to(frame, unknowns)
+        change[self.frame.problem.parameters] = 0.0
+        return self._changed(change)
+
+    def _changed(self, change: Array) -> StoredState:
+        """The state at changed unknowns, to first order."""
+        state, response = self.position.state, self.response
         simulation, configuration = self.frame.problem.simulation, state.configuration
         moved = np.stack((response.positions @ change, response.rotations @ change), axis=1)
         in_sections = moved @ configuration.poses[0][1]
@@ -398,10 +444,12 @@ class Solved:
         )
 
     def moved(self, unknowns: Array) -> SolverState:
-        """As `towards`, with the history that the next frame begins with."""
-        simulation, slips = self.frame.problem.simulation, self.response.plastic_slips
-        ended = with_plastic_slips(simulation, self.position.state, slips @ (unknowns - self.unknowns))
-        return simulation.system.warm_start(ended, self.towards(self.frame, unknowns))
+        """The state at other unknowns of its frame, to first order, with the history that the next one begins with."""
+        problem, change = self.frame.problem, unknowns - self.unknowns
+        change[problem.parameters] = unknowns[problem.parameters]
+        slips = self.response.plastic_slips @ change
+        ended = with_plastic_slips(problem.simulation, self.position.state, slips)
+        return problem.simulation.system.warm_start(ended, self._changed(change))
 
     def start_of(self, frame: Frame, compared: tuple[Array, Array], mean: Array, covariance: Array) -> Array:
         """``v`` with which the next frame begins from its prior, by the derivatives in this state."""

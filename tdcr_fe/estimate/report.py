@@ -46,6 +46,9 @@ def estimates_frame(result: EstimateResult) -> pd.DataFrame:
     found = pd.DataFrame(rows)
     if result.estimation.load.at == "unknown":
         found["sigma_at"] = [frame.sigma_at for frame in result.frames]
+    for k, name in enumerate(result.estimation.uncertain.names):
+        found[name] = [frame.parameters[k] for frame in result.frames]
+        found[f"sigma_{name}"] = [frame.sigma_parameters[k] for frame in result.frames]
     if result.failed:
         found["message"] = [frame.message for frame in result.frames]
     return found
@@ -122,6 +125,12 @@ def _page(result: EstimateResult) -> Page:
     if unknown := result.estimation.load.at == "unknown":
         place = _bands(frames, at[:, :1], at[:, 1:], ["place of the force"], "arc length [m]")
         pictures.append(Picture(place, "Place over time", _BAND))
+    if numbers := result.estimation.uncertain.names:
+        values, sigmas = (
+            np.array([getattr(f, n) for f in frames]) for n in ("parameters", "sigma_parameters")
+        )
+        drawn = _bands(frames, values, sigmas, numbers, "", shared=False)
+        pictures.append(Picture(drawn, "Numbers of effects over time", _BAND))
     of_tensions = Picture(_bands(frames, tensions, sigma_tensions, names, "tension [N]"), "Tensions", _BAND)
     size = np.linalg.norm(force, axis=1)
     most = int(np.argmax(size))
@@ -170,13 +179,18 @@ def _sentences(result: EstimateResult) -> list[str]:
 
 
 def _bands(
-    frames: Sequence[Estimate], values: Array, sigmas: Array, names: Sequence[str], label: str
+    frames: Sequence[Estimate],
+    values: Array,
+    sigmas: Array,
+    names: Sequence[str],
+    label: str,
+    shared: bool = True,
 ) -> Figure:
-    """Values over time with their 95 % intervals, a panel each."""
+    """Values over time with their 95 % intervals, a panel each; ``shared``: all have one unit and one scale."""
     times = [f.time for f in frames]
     with styled():
         figure = Figure(figsize=(3.9 * max(1, len(names)), 2.6), layout="constrained")
-        axes = figure.subplots(1, max(1, len(names)), sharey=True, squeeze=False)[0]
+        axes = figure.subplots(1, max(1, len(names)), sharey=shared, squeeze=False)[0]
         for k, (ax, name) in enumerate(zip(axes, names, strict=False)):
             value, half, colour = values[:, k], HALF_95 * sigmas[:, k], COLOURS[k % len(COLOURS)]
             ax.fill_between(times, value - half, value + half, color=colour, alpha=0.25, lw=0)

@@ -1,4 +1,4 @@
-"""How a solved robot moves with its inputs, forces on its nodes and its history of friction: `Response`.
+"""How a solved robot moves with inputs, forces on its nodes, friction history and parameters: `Response`.
 
 The history of a hole that the next step sees is its plastic slip ``p = u - delta s``: the slip ``u`` less the
 presliding distance ``delta`` times the mobilisation ``s``. A hole that sticks keeps it, and a hole that slips leaves it
@@ -22,6 +22,7 @@ from tdcr_fe.model.observed_step import ObservedChange, ObservedStep
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.linearization import BorderedFactors
 from tdcr_fe.solve.sensitivities.linear_response import Disturbance, SolvedPoint
+from tdcr_fe.solve.sensitivities.robot_model import ExplicitDerivatives, Inherited, RobotPoint
 from tdcr_fe.solve.simulation import Simulation
 
 #: Holes that stick, or tendons that are taut, with a probability less than this slip or are slack [1].
@@ -119,8 +120,8 @@ def observed(simulation: Simulation, observation: Observation, curvatures: bool 
 class Response(ObservedChange):
     """Derivatives of a solved state, also of its history of friction; parameters are the last axis.
 
-    These are the inputs of the tendons (m), the six components of a load on each of some nodes, and the plastic slips
-    of the holes at the beginning of the step (k).
+    These are the inputs of the tendons (m), the six components of a load on each of some nodes, the plastic slips of
+    the holes at the beginning of the step (k), and parameters of the robot (q).
     """
 
     plastic_slips: Array  # (k, P): At the end of the step [m]
@@ -134,6 +135,7 @@ class Response(ObservedChange):
         cls,
         simulation: Simulation,
         loaded: Index,
+        explicit: ExplicitDerivatives,
         sticking: Array | None = None,
         giving: Array | None = None,
         curvatures: bool = True,
@@ -145,7 +147,9 @@ class Response(ObservedChange):
         simulation
             In that state.
         loaded
-            Nodes on which loads may act, shape (q,).
+            Nodes on which loads may act.
+        explicit
+            Derivatives by the parameters of the robot while its nodes stay where they are.
         sticking
             How much of the slip of each hole its mobilisation follows, shape (k,) [1]; None is 1 where it sticks.
         giving
@@ -166,16 +170,19 @@ class Response(ObservedChange):
         solved = SolvedPoint.of(system, state, target, sticking=(sticks,), linearization=linear)
         flexibility = solved.flexibility[0] / np.where(sticks, share, 1.0)
         solved = replace(solved, flexibility=(flexibility,))
-        changes = solved.respond((_disturbance(solved.forces[0], state, loaded),))
+        changes = solved.respond((_disturbance(solved.forces[0], state, loaded, explicit),))
         tendons, (positions, rotations) = changes.tendons[0], state.configuration.poses[0]
         in_sections = changes.unknowns[solved.numbering.robots[0].nodes].reshape(len(positions), 2, 3, -1)
         moved = rotations[:, None] @ in_sections
         chain, size = state.configuration.chains[0], changes.unknowns.shape[-1]
+        first = size - explicit.arc_lengths.shape[1]  # of the parameters of the robot
         rates = np.zeros((len(chain.twists), 2, 3, size))
         if curvatures:
             twists = chain.changes(in_sections.reshape(len(positions), 6, size))
-            given = chain.twists, state.base_tension[0], twists, tendons.base_tension
-            rates = BEAM_TO_SECTION @ solved.forces[0].model.curvature_rates_change(*given)
+            at, tension = (chain.twists, state.base_tension[0]), tendons.base_tension
+            rates = solved.forces[0].model.curvature_rates_change(*at, twists, tension)
+            own = explicit.curvature_rates(*at, twists[..., first:], tension[:, first:], state.time)
+            rates = BEAM_TO_SECTION @ np.concatenate((rates[..., :first], own), axis=-1)
         displacements, m = tendons.released.sum(axis=1), len(law.frictional)
         wound = np.eye(m, displacements.shape[1])
         gaps = np.where(winds[:, None], displacements, 0.0) - wound
@@ -189,7 +196,7 @@ class Response(ObservedChange):
             displacements,
             tendons.base_tension,
             at_anchors(simulation, tendons.tension),
-            np.zeros((len(positions), displacements.shape[1])),  # nodes stay where they are on the backbone
+            np.pad(explicit.arc_lengths, ((0, 0), (first, 0))),
             slips - law.hysteresis.presliding * mobilisations,
             mobilisations,
             gaps,
@@ -200,12 +207,14 @@ class Response(ObservedChange):
         return Response(*(x @ weights for x in vars(self).values()))
 
 
-def _disturbance(own: TendonForces, state: SolverState, loaded: Index) -> Disturbance:
-    """Unit inputs, unit forces and moments in the world on nodes, and unit plastic slips before the step."""
+def _disturbance(
+    own: TendonForces, state: SolverState, loaded: Index, explicit: ExplicitDerivatives
+) -> Disturbance:
+    """Unit inputs, forces and moments in the world on nodes, plastic slips before the step, and parameters."""
     frictional = own.model.law.frictional
     m, k = len(frictional), int(frictional.sum())
     first = m + 6 * len(loaded)
-    found = Disturbance.none(own, first + k)
+    found = Disturbance.none(own, first + k + explicit.arc_lengths.shape[1])
     found.inputs[:, :m] = np.eye(m)
     rotations = state.configuration.poses[0][1]
     for j, node in enumerate(loaded):
@@ -213,4 +222,19 @@ def _disturbance(own: TendonForces, state: SolverState, loaded: Index) -> Distur
         found.wrenches[6 * node : 6 * node + 3, start : start + 3] = turn
         found.wrenches[6 * node + 3 : 6 * node + 6, start + 3 : start + 6] = turn
     found.slip[(*np.nonzero(frictional), first + np.arange(k))] = 1.0
+    if count := explicit.arc_lengths.shape[1]:
+        configuration, history, none = (
+            state.configuration,
+            state.friction[0],
+            np.zeros((*frictional.shape, count)),
+        )
+        rate = np.zeros(frictional.shape) if history.slip_rate is None else history.slip_rate
+        point = RobotPoint(
+            *configuration.poses[0], configuration.twists[0], state.base_tension[0], state.mobilisation[0]
+        )
+        still = Inherited(none, none, np.zeros(count), np.zeros(count))
+        values = explicit.at(own, point, rate, (history.time, state.time), still)
+        found.wrenches[:, first + k :] = values.wrenches.reshape(-1, count)
+        found.tension[..., first + k :] = values.tension
+        found.released[..., first + k :] = values.released
     return found

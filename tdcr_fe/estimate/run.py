@@ -6,12 +6,14 @@ import math
 import os
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
-from tdcr_fe.estimate.description import Estimate, InputPrior, LoadPrior
+from tdcr_fe.effects import with_effects
+from tdcr_fe.estimate.description import Estimate, InputPrior, LoadPrior, ParameterPrior
 from tdcr_fe.estimate.estimator import Estimator
+from tdcr_fe.estimate.identified import NONE_IDENTIFIED, Effects, Identified, read_sigma
 from tdcr_fe.io.measured import MeasuredData, first_checks, large_sigma, read_measured
 from tdcr_fe.io.problems import Problem, Reporter, read_all
 from tdcr_fe.io.readings import Reading
@@ -21,15 +23,21 @@ from tdcr_fe.model.messages import PlausibilityWarning, count, issue, shown
 from tdcr_fe.model.plausibility import plausibility
 from tdcr_fe.model.schema import FieldError, Keys, Quantity
 
+_FOUND = Quantity("folder that identify wrote", allowed="the folder of the results of identify, from here")
+_UNCERTAIN = Quantity(
+    "standard deviations of numbers of effects", allowed="a table [uncertain], as [effects]"
+)
 #: Keys of ``estimate.toml``.
 TOP = Keys(
     {
+        "identified": Annotated[str, _FOUND],
+        "uncertain": Annotated[dict[str, Any], _UNCERTAIN],
         "load": Annotated[LoadPrior, Quantity("the load")],
         "inputs": Annotated[
             InputPrior, Quantity("errors of the inputs", allowed="a table [inputs] with sigma")
         ],
     },
-    {"load": LoadPrior()},
+    {"load": LoadPrior(), "identified": "", "uncertain": {}},
 )
 
 
@@ -40,18 +48,24 @@ CONTRADICTED = 4.0
 
 @dataclass(frozen=True)
 class Estimation:
-    """Measured data, and what is known of load and inputs before any reading.
+    """Measured data, and what is known of load, inputs and robot before any reading.
 
     Attributes
     ----------
     data : MeasuredData
     load : LoadPrior
     inputs : InputPrior
+    effects : mapping
+        That `identify` found, by effect and parameter.
+    uncertain : ParameterPrior
+        Effects on the robot, and what is known of their numbers.
     """
 
     data: MeasuredData
     load: LoadPrior
     inputs: InputPrior
+    effects: Effects = field(default_factory=dict)
+    uncertain: ParameterPrior = field(default_factory=ParameterPrior)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,8 +124,11 @@ def read_estimation(folder: str | os.PathLike[str]) -> Estimation:
     """
     folder = Path(folder)
     path = folder / "estimate.toml"
-    data, (load, inputs) = read_all(lambda: read_measured(folder), lambda: _read_priors(path))
-    reporter = Reporter(str(path))
+    data, top = read_all(lambda: read_measured(folder), lambda: _read_priors(path))
+    load, inputs, reporter = top["load"], top["inputs"], Reporter(str(path))
+    sigma, identified = read_sigma(top["uncertain"], data, reporter), NONE_IDENTIFIED
+    if top["identified"]:
+        identified = Identified.read(folder / top["identified"], data, reporter)
     try:
         names = data.robot.tendon_names
         own = (inputs.sigmas(names) * data.input_scales).tolist()  # of the steps as they were read
@@ -132,15 +149,15 @@ def read_estimation(folder: str | os.PathLike[str]) -> Estimation:
             text = f"estimation needs {needed} {found[0]}"
             reporter.problems.append(Problem(str(folder / file), key, "", text))
     reporter.refuse()
-    return Estimation(data, load, inputs)
+    return Estimation(data, load, inputs, identified.effects, identified.prior(data, sigma))
 
 
-def _read_priors(path: Path) -> tuple[LoadPrior, InputPrior]:
-    """The tables of ``estimate.toml``."""
+def _read_priors(path: Path) -> dict[str, Any]:
+    """Contents of ``estimate.toml``."""
     reporter = Reporter(str(path))
     top, _ = TOP.read(read_toml(path)[0], "", reporter)
     reporter.refuse()
-    return top["load"], top["inputs"]
+    return top
 
 
 #: Keys of the priors, by those of the load steps in which they are judged.
@@ -182,7 +199,7 @@ def run_estimation(
     EstimateResult
         A frame that was not solved says so, and the run goes on with the next. After Ctrl-C, the frames until then.
     """
-    data, experiment = estimation.data, estimation.data.experiment
+    data, experiment = estimation.data, with_effects(estimation.data.experiment, estimation.effects)
     # The path within a frame is not resolved, so that a frame is not divided where backlash ends.
     steps = [experiment.steps[j] for j in experiment.whole_steps]
     found = first_checks(data)
@@ -193,12 +210,13 @@ def run_estimation(
     for reading in data.readings:
         by_step[reading.step].append(reading)
     estimator = Estimator(
-        experiment.robot,
-        experiment.model,
+        data.robot,
+        data.model,
         estimation.load,
         estimation.inputs,
         steps=steps,
         observation=experiment.observation,
+        uncertain=estimation.uncertain,
         settings=None if data.settings == SolverSettings() else data.settings,
     )
     frames: list[Estimate] = []

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tdcr_fe.effects import Experiment
 from tdcr_fe.elements import Array
 from tdcr_fe.elements.drives import TendonDrives
 from tdcr_fe.estimate.description import Estimate, memory
@@ -104,9 +103,7 @@ class Tracker:
         self._scale = robot.backbone.EI / (self._length * robot.plate_radius)
         self._change = FIRST_RADIUS * self._scale if largest_change is None else largest_change
         self._tolerance = TOLERANCE if tolerance is None else tolerance / self._length
-        loads = {name: load for step in estimator.steps for name, load in step.loads.items()}
-        experiment = Experiment(robot, estimator.model, (LoadStep(loads=loads), LoadStep()))
-        self._trials = TrialSteps(estimator.simulation, experiment)
+        self._trials: TrialSteps | None = None
         self._command: LoadStep | None = None
         self._time: float | None = None
 
@@ -148,7 +145,13 @@ class Tracker:
 
     def _nearest(self, target: TipTarget, acting: Actuation, until: float) -> tuple[Trial, float] | None:
         """The trial step from the estimated state that comes nearest in time, and its error [m]; None without any."""
-        simulation = self.estimator.simulation
+        simulation, own = self.estimator.simulation, self.estimator.experiment
+        if (
+            self._trials is None or self._trials.simulation is not simulation
+        ):  # also at other values of effects
+            loads = {name: load for step in own.steps for name, load in step.loads.items()}
+            steps = LoadStep(loads=loads), LoadStep()
+            self._trials = TrialSteps(simulation, replace(own, steps=steps))
         position, (lowest, highest) = simulation.position, self._bounds
         tensions = position.state.base_tension[0]
         near = (tensions - self._change, tensions + self._change)

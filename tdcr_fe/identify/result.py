@@ -356,7 +356,8 @@ class Parameters:
     """The fitted parameters together."""
 
     names: tuple[str, ...]  # EFFECT.PARAMETER
-    correlation: Array  # shape (p, p)
+    standard_errors: Array  # (p,): of what is fitted, the inverse of numbers whose null value is infinite
+    correlation: Array  # (p, p): of the same
     profiles: tuple[Profile, ...] = ()  # of those for which the time sufficed
 
     def correlated(self, least: float) -> list[tuple[float, str, str]]:
@@ -515,6 +516,7 @@ class IdentificationResult:
             "sigma_estimated": any(r.sigma is None for r in readings),
             "mesh_error_over_sigma": self.simulated.mesh_error,
             "parameters": self.parameters.names,
+            "standard_errors": self.parameters.standard_errors,
             "correlation": self.parameters.correlation,
             "simulations": log.runs,
             "wall_time": log.wall_time,

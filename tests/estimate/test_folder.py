@@ -11,7 +11,7 @@ import pytest
 from inputs import said
 from rod import Truth
 
-from tdcr_fe import PlausibilityWarning, Spool, read_estimation, run_estimation
+from tdcr_fe import ParameterPrior, PlausibilityWarning, Spool, read_estimation, run_estimation, with_effects
 from tdcr_fe.cli import main
 from tdcr_fe.io.measured import MeasuredData, write_measured
 from tdcr_fe.validation.campaigns.estimate import model
@@ -183,3 +183,65 @@ def test_errors_of_the_angle_of_a_motor_are_in_radians(folder, tmp_path):
     found = read_estimation(path)
     assert found.data.input_sigma == pytest.approx((0.02 * 0.01, 0.02, 0.02, 0.02))
     assert found.inputs.sigmas(robot.tendon_names) == pytest.approx([0.01 * 0.01, 0.01, 0.01, 0.01])
+
+
+def identified(path, errors):
+    """Results of identify in a folder: a stiffness, a gain of the commands, and a cause beyond the list."""
+    found = {
+        "effects": [{"effect": "stiffness_scale", "parameters": {"bending": {"value": 1.1}}}],
+        "stand_ins": {"actuator_gain": {"gain": 0.98}, "bending stiffness by row": {"slope": 1.0}},
+        "parameters": [
+            "stiffness_scale (both).bending",
+            "actuator_gain.gain",
+            "bending stiffness by row.slope",
+        ],
+        "standard_errors": errors,
+        "correlation": np.eye(3).tolist(),
+        "input": dict(read_estimation(path).data.digests),
+    }
+    (path / "found").mkdir()
+    (path / "found" / "result.json").write_text(json.dumps(found))
+    text = (path / "estimate.toml").read_text()
+    (path / "estimate.toml").write_text(
+        f'identified = "found"\n{text}[uncertain]\nprecurvature.kappa_x = 0.1\n'
+    )
+
+
+def test_effects_that_identify_found_act_with_their_covariance(wrong, tmp_path, capsys):
+    declared = read_estimation(wrong)
+    identified(wrong, [1e-9, 0.01, 1.0])
+    told = said(capsys, 0, "estimate", wrong, "-o", tmp_path / "out")
+    assert "bending stiffness by row: not a listed effect, left out" in told
+    found = pd.read_csv(tmp_path / "out" / "estimates.csv")
+    names = ["stiffness_scale.bending", "precurvature.kappa_x"]
+    assert list(found.columns[-4:]) == [x for name in names for x in (name, f"sigma_{name}")]
+    assert found["sigma_precurvature.kappa_x"].is_monotonic_decreasing
+    data, sigma = declared.data, {"precurvature.kappa_x": 0.1}
+    effects = {"stiffness_scale": {"bending": 1.1}, "actuator_gain": {"gain": 0.98}}
+    corrected = with_effects(data.experiment, effects)
+    data = replace(data, robot=corrected.robot, steps=corrected.steps)
+    same = run_estimation(replace(declared, data=data, uncertain=ParameterPrior.independent(sigma)))
+    forces = np.array([frame.force for frame in same.frames])
+    np.testing.assert_allclose(found[["force_x", "force_y", "force_z"]], forces, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (
+            ("found/result.json", "standard_errors", "errors"),
+            "must be a folder with a result.json of identify",
+        ),
+        (("robot.toml", "", "\n"), "must be found with the robot.toml and model.toml of this folder"),
+        (
+            ("estimate.toml", "kappa_x = 0.1", "kappa_x = -0.1"),
+            "uncertain.precurvature.kappa_x = -0.1: must be",
+        ),
+        (("estimate.toml", "kappa_x", "kapa_x"), "did you mean kappa_x?"),
+    ],
+)
+def test_wrong_results_of_identify_are_named(wrong, tmp_path, capsys, change, words):
+    identified(wrong, [0.05, 0.01, 1.0])
+    name, old, new = change
+    (wrong / name).write_text((wrong / name).read_text().replace(old, new, 1))
+    assert words in said(capsys, 2, "estimate", wrong, "-o", tmp_path / "out")

@@ -4,12 +4,22 @@ import numpy as np
 import pytest
 
 import tdcr_fe as tdcr
+from tdcr_fe.effects import Experiment
 from tdcr_fe.elements.drives import DISPLACEMENT, TENSION, TendonDrives
 from tdcr_fe.estimate.response import Response, plastic_slips, with_plastic_slips, within_bounds
+from tdcr_fe.estimate.uncertain import UncertainEffects
 from tdcr_fe.model.loading import Actuation
 from tdcr_fe.validation.campaigns.estimate import LENGTH, model, rod
 
 CLASSICAL = tdcr.Model(elements_per_bay=1, friction="none", tendon_path="continuous")
+
+
+NUMBERS = (
+    "stiffness_scale.bending",
+    "precurvature.kappa_x",
+    "routing_twist.angle_tip",
+    "friction_coefficient.mu",
+)
 
 
 def actuation(values, force, by_displacement):
@@ -21,23 +31,29 @@ def actuation(values, force, by_displacement):
 def solved(friction, by_displacement, about=None):
     """A robot pulled, and then loaded and released a little, so that some holes slip and some stick."""
     first = actuation([1.0, 0.5, 0.9, 0.3], [0.01, 0.02, 0.0], False)
-    settings = tdcr.SolverSettings(tolerance=1e-12, step_tolerance=1e-13)
-    simulation = tdcr.Simulation(rod(friction), about or model(friction), [first], settings)
+    experiment = Experiment(rod(friction), about or model(friction), (tdcr.LoadStep(loads=first.loads),))
+    simulation = simulated(experiment, first)
     simulation.advance(first)
     before = simulation.state
     values = np.array([0.99, 0.51, 0.85, 0.3])
     if by_displacement:
         values = simulation.displacement + np.array([0.0, 1e-4, -2e-4, 1e-4])
-    return simulation, before, values, np.array([0.02, 0.01, 0.01])
+    return experiment, simulation, before, values, np.array([0.02, 0.01, 0.01])
+
+
+def simulated(experiment, first):
+    settings = tdcr.SolverSettings(tolerance=1e-12, step_tolerance=1e-13)
+    return tdcr.Simulation(experiment.robot, experiment.model, [first], settings)
 
 
 @pytest.mark.parametrize("by_displacement", [False, True])
 @pytest.mark.parametrize(("friction", "about"), [(0.0, None), (0.2, None), (0.0, CLASSICAL)])
 def test_derivatives_are_those_of_the_load_step(friction, about, by_displacement):
-    simulation, before, values, force = solved(friction, by_displacement, about)
+    experiment, simulation, before, values, force = solved(friction, by_displacement, about)
 
-    def end(change):
-        simulation.begin_from(with_plastic_slips(simulation, before, change[7:]))
+    def end(change, simulation=simulation):
+        start = simulation.system.warm_start(before, before.stored())
+        simulation.begin_from(with_plastic_slips(simulation, start, change[7:]))
         simulation.advance(actuation(values + change[:4], force + change[4:7], by_displacement), 1)
         state = simulation.state
         positions, distal = state.configuration.poses[0][0], simulation.handle.tensions().values()
@@ -49,7 +65,9 @@ def test_derivatives_are_those_of_the_load_step(friction, about, by_displacement
     sticks = np.abs(simulation.state.mobilisation[0]) < 1.0 - 1e-6
     assert not friction or 3 < sticks.sum() < sticks.size - 3
     tip = len(simulation.handle.arc_lengths) - 1
-    response = Response.of(simulation, np.array([tip]))
+    names = NUMBERS if friction else NUMBERS[:3]
+    effects = UncertainEffects(experiment, tdcr.ParameterPrior(names, np.eye(len(names))))
+    response = Response.of(simulation, np.array([tip]), effects.derivatives(simulation.handle))
     of_tendons = response.base_tensions, response.displacements, response.distal_tensions
     found = np.concatenate((response.positions.reshape(3 * tip + 3, -1), *of_tendons, response.plastic_slips))
     found = np.delete(found, [7, 8, 9], axis=1)  # moments
@@ -59,11 +77,19 @@ def test_derivatives_are_those_of_the_load_step(friction, about, by_displacement
         change[p] = steps[p]
         expected = (end(change) - end(-change)) / (2.0 * steps[p])
         np.testing.assert_allclose(found[:, p], expected, atol=2e-4 * np.abs(expected).max())
+    for p, h in enumerate(1e-6 * np.eye(len(names)), 7 + k):
+        moved = (effects.moved(change).experiment for change in (h, -h))
+        near = (simulated(x, actuation(values, force, by_displacement)) for x in moved)
+        ends = [end(np.zeros(7 + k), simulation) for simulation in near]
+        expected = (ends[0] - ends[1]) / 2e-6
+        np.testing.assert_allclose(found[:, p], expected, atol=2e-4 * np.abs(expected).max())
 
 
 def test_a_moment_at_the_tip_turns_it_as_its_compliance_says():
-    simulation, *_ = solved(0.0, False)
-    response = Response.of(simulation, np.array([len(simulation.handle.arc_lengths) - 1]))
+    experiment, simulation, *_ = solved(0.0, False)
+    tip = np.array([len(simulation.handle.arc_lengths) - 1])
+    none = UncertainEffects(experiment, tdcr.ParameterPrior()).derivatives(simulation.handle)
+    response = Response.of(simulation, tip, none)
     compliance = tdcr.local_response(simulation).compliance
     np.testing.assert_allclose(response.positions[-1][:, 4:10], compliance[:3], atol=1e-9)
     np.testing.assert_allclose(response.rotations[-1][:, 4:10], compliance[3:], atol=1e-7)

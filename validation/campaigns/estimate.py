@@ -19,6 +19,7 @@ import pandas as pd
 from scipy.stats import chi2
 
 import tdcr_fe as tdcr
+from tdcr_fe.effects import Experiment, with_effects
 from tdcr_fe.elements import Array
 from tdcr_fe.model.channels import channel
 from tdcr_fe.model.loading import resolve
@@ -34,6 +35,8 @@ LENGTH, RATE = 0.25, 30.0
 FORCE_SIGMA, READING_SIGMA = 0.05, 1e-4
 #: Friction in the reference and standard deviation of the tensions [1, N].
 CASES = ((0.0, 0.1), (0.0, 0.01), (0.1, 0.01), (0.2, 0.01), (0.3, 0.01))
+#: Standard deviations of bending stiffness and friction where they are not known exactly [1].
+UNCERTAIN = {"stiffness_scale.bending": 0.05, "friction_coefficient.mu": 0.03}
 #: Frames at the beginning that do not count.
 BEGINNING = 5
 _POSITION, _CURVATURE = [f"position_{a}" for a in "xyz"], ["curvature_x", "curvature_y"]
@@ -185,10 +188,18 @@ def run(friction: float, tension_sigma: float, seed: int, options: argparse.Name
     """Draw a run, solve it with the reference or the finite elements, and estimate it."""
     drawn = Drawn.of(friction, tension_sigma, options.frames, seed, segments=options.segments)
     rng, solve = np.random.default_rng(1000 + seed), solve_elements if options.elements else solve_reference
-    truth = solve(drawn.robot, model(friction), drawn.steps()).steps
+    robot, sigmas = drawn.robot, dict(list(UNCERTAIN.items())[: 2 if friction else 1])
+    if options.parameters != "known":
+        bending, mu = np.array((1.0, friction)) + rng.standard_normal(2) * list(UNCERTAIN.values())
+        values = {"stiffness_scale": {"bending": float(bending)}}
+        if friction:
+            values["friction_coefficient"] = {"mu": float(mu)}
+        robot = with_effects(Experiment(robot, model(friction)), values).robot
+    truth = solve(robot, model(friction), drawn.steps()).steps
     at: Any = "unknown" if options.readings == "markers" else "tip"
     priors = tdcr.LoadPrior(at, FORCE_SIGMA), tdcr.InputPrior(sigma=tension_sigma)
-    own = tdcr.Estimator(drawn.robot, model(friction), *priors)
+    uncertain = tdcr.ParameterPrior.independent(sigmas) if options.parameters == "estimated" else None
+    own = tdcr.Estimator(drawn.robot, model(friction), *priors, uncertain=uncertain)
     frames, times = [], []
     for k, step in enumerate(truth):
         readings = readings_of(options.readings, step, drawn.robot.tendon_names, rng)
@@ -235,6 +246,12 @@ class Estimation(Campaign):
         parser.add_argument("--frames", type=int, default=270, help="frames of each run (270)")
         parser.add_argument("--readings", choices=READINGS, default="tip", help="what is read (tip)")
         parser.add_argument("--segments", type=int, choices=(1, 2), default=1, help="of the robot (1)")
+        known = (
+            "bending stiffness and friction: known exactly, not known, or estimated, to 5 %% and 0.03 (known)"
+        )
+        parser.add_argument(
+            "--parameters", choices=("known", "unknown", "estimated"), default="known", help=known
+        )
         parser.add_argument("--elements", action="store_true", help="truth by finite elements")
 
     def cases(self, options: argparse.Namespace) -> Mapping[str, Any]:

@@ -123,7 +123,7 @@ class SensitivityHistory:
         """
         handle = simulation.handle
         loads = tuple((handle.mesh.node_at(at, 1e-6), frame) for _, at, frame in simulation.loads)
-        present, near = _models(handle, experiment, chosen)
+        present, near = models_around(handle, experiment, chosen)
         frictional = bool(present.forces.law.frictional.any())
         inputs = InputDerivatives.of(experiment, simulation, chosen, near, frictional)
         explicit = ExplicitDerivatives(present, near, len(chosen))
@@ -147,7 +147,7 @@ class SensitivityHistory:
                 raise ValueError(
                     f"sensitivities: {p.name!r}: a scene has no load steps; name inputs of the call"
                 )
-        explicit = ExplicitDerivatives(*_models(arm, experiment, chosen), len(chosen))
+        explicit = ExplicitDerivatives(*models_around(arm, experiment, chosen), len(chosen))
         own = {id(load): name for name, load in arm.loads.items()}
         labels = [own.get(id(x), "") for x in SceneHooks.of(arm.mbs).point_loads]
         loads = tuple(
@@ -379,7 +379,7 @@ def _load_factor_change(
     return np.asarray(-arriving[0, :-1] / arriving[0, -1])
 
 
-def _models(
+def models_around(
     handle: TDCR, experiment: Experiment, chosen: Sequence[Parameter]
 ) -> tuple[RobotModel, Neighbours]:
     """Models of a robot in a scene at the present and at neighbouring values of all parameters."""

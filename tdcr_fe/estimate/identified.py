@@ -1,0 +1,97 @@
+"""What is known of effects: those that `identify` found, with their covariance, and the table ``[uncertain]``."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, NamedTuple
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from tdcr_fe.effects import EFFECTS, Experiment, effect, with_effects
+from tdcr_fe.elements import Array
+from tdcr_fe.estimate.description import ParameterPrior
+from tdcr_fe.io.keys import effect_keys
+from tdcr_fe.io.measured import MeasuredData
+from tdcr_fe.io.problems import Reporter
+from tdcr_fe.model.messages import issue
+from tdcr_fe.model.schema import Keys, Quantity
+
+Effects = Mapping[str, Mapping[str, float]]
+#: Name of a parameter in ``result.json``: effect, the form of it that was fitted, and parameter.
+_NAME = re.compile(r"(\w+)(?: \(.*\))?\.(.*)")
+
+
+class Identified(NamedTuple):
+    """Effects in the results of an identification."""
+
+    effects: Effects  # All of them, with their values
+    names: tuple[str, ...]  # (q,): Of the parameters that were fitted, ``EFFECT.PARAMETER``
+    covariance: Array  # (q, q): Of these, or of their inverse where that was fitted
+
+    @classmethod
+    def read(cls, folder: Path, data: MeasuredData, reporter: Reporter) -> Identified:
+        """Results of identify for a robot as measured data declare it."""
+        try:
+            result = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+            found = {
+                e["effect"]: {n: p["value"] for n, p in e["parameters"].items()} for e in result["effects"]
+            }
+            found |= result["stand_ins"]
+            sigma, correlation = (
+                np.array(result[n], dtype=float) for n in ("standard_errors", "correlation")
+            )
+            names, digests = result["parameters"], result["input"]
+        except (OSError, ValueError, KeyError, TypeError):
+            reporter(
+                "identified", str(folder), "must be a folder with a result.json of identify (this version)"
+            )
+            return NONE_IDENTIFIED
+        if any(
+            digests.get(n) != d for n, d in (data.digests or {}).items() if n in ("robot.toml", "model.toml")
+        ):
+            allowed = "must be found with the robot.toml and model.toml of this folder"
+            reporter("identified", str(folder), allowed)
+        listed = {e.name for e in EFFECTS}
+        issue([f"{folder}: {name}: not a listed effect, left out" for name in found if name not in listed])
+        effects = {name: values for name, values in found.items() if name in listed}
+        parts = [match.groups() if (match := _NAME.fullmatch(name)) else ("", "") for name in names]
+        which = [k for k, (name, _) in enumerate(parts) if name in effects]
+        covariance = (correlation * np.outer(sigma, sigma))[np.ix_(which, which)]
+        return cls(effects, tuple(".".join(parts[k]) for k in which), covariance)
+
+    def prior(self, data: MeasuredData, sigma: Mapping[str, float]) -> ParameterPrior:
+        """Of the effects that act on the robot; the numbers of those on commands or measurement alone are as found.
+
+        ``sigma``: standard deviations of other parameters.
+        """
+        changed, acting = Experiment(data.robot, data.model), {}
+        for name in (e.name for e in EFFECTS if e.name in self.effects):
+            after = with_effects(changed, {name: self.effects[name]})
+            if (after.robot, after.model) != (changed.robot, changed.model):
+                acting[name] = self.effects[name]
+            changed = after
+        which = [k for k, name in enumerate(self.names) if name.partition(".")[0] in acting]
+        others = {name: x for name, x in sigma.items() if name not in self.names}
+        covariance = block_diag(
+            self.covariance[np.ix_(which, which)], np.diag([x**2 for x in others.values()])
+        )
+        return ParameterPrior((*(self.names[k] for k in which), *others), covariance, acting)
+
+
+NONE_IDENTIFIED = Identified({}, (), np.zeros((0, 0)))
+
+
+def read_sigma(table: object, data: MeasuredData, reporter: Reporter) -> dict[str, float]:
+    """Standard deviations in a table such as ``friction_coefficient = { mu = 0.03 }``."""
+    given, _ = effect_keys(tuple(e.name for e in EFFECTS)).read(table, "uncertain", reporter)
+    found = {}
+    for name, own in ((name, own) for name, own in given.items() if own is not None):
+        names = [p.name for p in effect(name).parameters_of(data.experiment)]
+        keys = Keys(dict.fromkeys(names, Annotated[float, Quantity(gt=0.0)]), dict.fromkeys(names))
+        values, _ = keys.read(own, f"uncertain.{name}", reporter)
+        found |= {f"{name}.{key}": value for key, value in values.items() if value is not None}
+    return found
