@@ -10,6 +10,7 @@ from .estimate.estimator import Estimator as Estimator
 from .estimate.run import EstimateResult as EstimateResult
 from .estimate.run import read_estimation as read_estimation
 from .estimate.run import run_estimation as run_estimation
+from .estimate.smoothing import smoothed as smoothed
 from .estimate.tracking import TrackedSample as TrackedSample
 from .estimate.tracking import Tracker as Tracker
 from .identify import IdentificationResult as IdentificationResult

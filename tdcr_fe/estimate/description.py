@@ -110,6 +110,21 @@ def memory(prior: LoadPrior | InputPrior, elapsed: float) -> tuple[float, float]
 
 
 @dataclass(frozen=True, eq=False)
+class Passage:
+    """The unknowns of a frame before and after its readings; errors of effects count from no effect."""
+
+    kept: Array  # (n,): What is left of the unknowns at the end of the frame before
+    mean: Array  # (n,): Before the readings
+    covariance: Array  # (n, n): as `mean`
+    found: Array  # (n,): Given the readings
+    found_covariance: Array  # (n, n): as `found`
+    carried: Array  # (n, n): From these to the unknowns at the end of the frame
+    positions: Array  # (N, 3, n): Derivatives of the nodes
+    rotations: Array  # as `positions`
+    base_tensions: Array  # (m, n)
+
+
+@dataclass(frozen=True, eq=False)
 class Estimate:
     """The most probable state of a robot in one frame.
 
@@ -142,6 +157,8 @@ class Estimate:
         Time that it took.
     message : str
         Empty, or why the frame was not solved; the state is then that of the frame before.
+    passage : Passage or None
+        What `smoothed` needs; None where the frame was not solved.
     """
 
     result: StepResult
@@ -161,6 +178,7 @@ class Estimate:
     misfit: float
     milliseconds: float
     message: str = ""
+    passage: Passage | None = None
 
     @property
     def sigma_tensions(self) -> Array:

@@ -17,7 +17,7 @@ from scipy.linalg import block_diag
 
 from tdcr_fe.effects import Experiment, Observation, with_effects
 from tdcr_fe.elements import Array
-from tdcr_fe.estimate.description import Estimate, InputPrior, LoadPrior, ParameterPrior, memory
+from tdcr_fe.estimate.description import Estimate, InputPrior, LoadPrior, ParameterPrior, Passage, memory
 from tdcr_fe.estimate.frame import PLACE, Frame, Problem, Solved, Volume, name_at
 from tdcr_fe.estimate.most_probable import posterior_covariance
 from tdcr_fe.estimate.response import Response, plastic_slips
@@ -181,8 +181,8 @@ class Estimator:
 
     def _estimated(self, frame: Frame) -> Estimate:
         """The estimate of a frame, which the estimator takes for its state; the last state where there is none."""
-        mean, covariance = self._prior(frame)
-        read = len(frame.readings) > 0
+        kept, before, covariance = self._prior(frame)
+        read, mean = len(frame.readings) > 0, before
         held = self._problem.at_given_place(covariance)[1]
         if read:
             mean = mean + self._volume.change_of_mean(held)
@@ -211,9 +211,12 @@ class Estimator:
         self._mean[history] = plastic_slips(self.simulation, self.simulation.state)
         same = np.eye(len(mean))
         carried = np.vstack((same[: history.start], state.response.plastic_slips, same[history.stop :]))
-        after = carried @ after @ carried.T
-        self._covariance = 0.5 * (after + after.T)
-        return self._estimate(state, unknowns, response, likely, found.misfit, "")
+        end = carried @ after @ carried.T
+        self._covariance = 0.5 * (end + end.T)
+        by = state.response.positions, state.response.rotations, state.response.base_tensions
+        given = self._problem.from_zero(unknowns), after, carried, *by
+        passage = Passage(kept, frame.problem.from_zero(before), covariance, *given)
+        return replace(self._estimate(state, unknowns, response, likely, found.misfit, ""), passage=passage)
 
     def _at_present_values(self, state: Solved, unknowns: Array, variances: Array) -> tuple[Solved, Array]:
         """A solved frame and its unknowns, with effects at the values found where these are a standard deviation off.
@@ -234,10 +237,10 @@ class Estimator:
         self._problem = own
         return solved, counted
 
-    def _prior(self, frame: Frame) -> tuple[Array, Array]:
-        """Mean and covariance of the unknowns of a frame before its readings."""
+    def _prior(self, frame: Frame) -> tuple[Array, Array, Array]:
+        """What is left of the unknowns at the end of the last frame; their mean and covariance before readings."""
         if self._last is None:
-            return self._mean, self._covariance
+            return np.ones(len(self._mean)), self._mean, self._covariance
         before = self._last.frame.commands
         elapsed = frame.commands.time - before.time
         kept, grown = np.ones(len(self._mean)), np.zeros(len(self._mean))  # Plastic slips stay.
@@ -247,7 +250,7 @@ class Estimator:
         changed, inputs = np.array([a != b for a, b in kinds], dtype=bool), self._problem.inputs
         kept[inputs][changed], grown[inputs][changed] = 0.0, 1.0  # An error in N says nothing of one in m.
         mean = self._typical + kept * (self._mean - self._typical)
-        return mean, self._covariance * np.outer(kept, kept) + np.diag(grown * self._sigmas**2)
+        return kept, mean, self._covariance * np.outer(kept, kept) + np.diag(grown * self._sigmas**2)
 
     def _estimate(
         self, state: Solved, x: Array, response: Response, covariance: Array, misfit: float, message: str

@@ -85,6 +85,12 @@ class Problem:
             effects, simulation, observation, loaded, input_sigmas, effects.derivatives(simulation.handle)
         )
 
+    def from_zero(self, unknowns: Array) -> Array:
+        """Unknowns in which numbers of effects count from zero in place of their present values."""
+        found = unknowns.copy()
+        found[self.parameters] += self.effects.coordinates
+        return found
+
     def with_effects(self, effects: UncertainEffects) -> Problem:
         """With effects at other values."""
         given = self.simulation.settings, self.observation, self.s[self.loaded].tolist(), self.input_sigmas

@@ -88,7 +88,7 @@ NONE_IDENTIFIED = Identified({}, (), np.zeros((0, 0)))
 def read_sigma(table: object, data: MeasuredData, reporter: Reporter) -> dict[str, float]:
     """Standard deviations in a table such as ``friction_coefficient = { mu = 0.03 }``."""
     given, _ = effect_keys(tuple(e.name for e in EFFECTS)).read(table, "uncertain", reporter)
-    found = {}
+    found: dict[str, float] = {}
     for name, own in ((name, own) for name, own in given.items() if own is not None):
         names = [p.name for p in effect(name).parameters_of(data.experiment)]
         keys = Keys(dict.fromkeys(names, Annotated[float, Quantity(gt=0.0)]), dict.fromkeys(names))

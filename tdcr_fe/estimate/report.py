@@ -29,7 +29,7 @@ from tdcr_fe.report.motion import motion_of
 from tdcr_fe.report.page import Card, Page, Picture, Section
 from tdcr_fe.report.style import COLOURS, styled
 
-ESTIMATES, SHAPE, REPORT = "estimates.csv", "shape.csv", "report.html"
+ESTIMATES, SMOOTHED, SHAPE, REPORT = "estimates.csv", "smoothed.csv", "shape.csv", "report.html"
 #: Half the width of an interval that holds 95 % of a Gaussian, in standard deviations.
 HALF_95 = 1.96
 #: The same of an ellipsoid.
@@ -98,10 +98,12 @@ def write_estimates(result: EstimateResult, out: str | os.PathLike[str]) -> list
 
     def write(folder: Path) -> None:
         estimates_frame(result).to_csv(folder / ESTIMATES, index=False)
+        smooth = estimates_frame(replace(result, frames=result.smoothed)).drop(columns="milliseconds")
+        smooth.to_csv(folder / SMOOTHED, index=False)
         shape_frame(sequence(result)).to_csv(folder / SHAPE, index=False)
         write_text(kit.render(_page(result), "tdcr_fe.estimate"), folder / REPORT)
 
-    return write_folder(out, write, (ESTIMATES, SHAPE, REPORT))
+    return write_folder(out, write, (ESTIMATES, SMOOTHED, SHAPE, REPORT))
 
 
 def _ellipsoid(frame: Estimate) -> dict[str, Array]:
@@ -157,7 +159,8 @@ def _page(result: EstimateResult) -> Page:
             Section("motion", "The robot in 3D", "motion.html.j2", {"panel": panel}, folded=False),
         ),
         notes=(
-            f"In the same folder: {ESTIMATES}, a row per step, and {SHAPE}, the shape of the backbone in each.",
+            f"In the same folder: {ESTIMATES}, a row per step; {SMOOTHED}, the same given also the readings of later "
+            f"steps; and {SHAPE}, the shape of the backbone in each.",
             "Versions: " + ", ".join(f"{name} {version}" for name, version in versions().items()) + ".",
         ),
         has_panel=True,

@@ -14,6 +14,7 @@ from tdcr_fe.effects import with_effects
 from tdcr_fe.estimate.description import Estimate, InputPrior, LoadPrior, ParameterPrior
 from tdcr_fe.estimate.estimator import Estimator
 from tdcr_fe.estimate.identified import NONE_IDENTIFIED, Effects, Identified, read_sigma
+from tdcr_fe.estimate.smoothing import smoothed
 from tdcr_fe.io.measured import MeasuredData, first_checks, large_sigma, read_measured
 from tdcr_fe.io.problems import Problem, Reporter, read_all
 from tdcr_fe.io.readings import Reading
@@ -41,6 +42,8 @@ TOP = Keys(
 )
 
 
+#: Later frames whose readings at least count in the smoothed estimates; a frame takes 0.1 to 0.5 MB until then.
+WINDOW = 100
 #: Mean square of the innovations over their variance above which the readings contradict what is known of load and
 #: inputs. Right readings give 0.4 to 1.2, errors of all kinds twice as large as said 3.6, y of the other sign 52.
 CONTRADICTED = 4.0
@@ -77,12 +80,15 @@ class EstimateResult:
     estimation : Estimation
     frames : tuple of Estimate
         One for each load step, as far as the run went.
+    smoothed : tuple of Estimate
+        The same, given also the readings of later frames, of at least `WINDOW`.
     interrupted : bool
         Whether the user pressed Ctrl-C.
     """
 
     estimation: Estimation
     frames: tuple[Estimate, ...]
+    smoothed: tuple[Estimate, ...] = ()
     interrupted: bool = False
 
     @property
@@ -220,14 +226,20 @@ def run_estimation(
         settings=None if data.settings == SolverSettings() else data.settings,
     )
     frames: list[Estimate] = []
+    pending: list[Estimate] = []  # of which not all later readings are known
+    done: list[Estimate] = []
     interrupted = False
     try:
         for number, step in zip(data.step_ids, steps, strict=True):
-            frames.append(estimator.step(step, by_step[number]))
+            pending.append(estimator.step(step, by_step[number]))
+            frames.append(replace(pending[-1], passage=None))
+            if len(pending) == 2 * WINDOW:
+                done += smoothed(pending)[:WINDOW]
+                del pending[:WINDOW]
             if progress is not None:
                 progress(frames[-1])
     except KeyboardInterrupt:
         interrupted = True
-    result = EstimateResult(estimation, tuple(frames), interrupted)
+    result = EstimateResult(estimation, tuple(frames), (*done, *smoothed(pending)), interrupted)
     issue(filter(None, [result.contradiction]))
     return result

@@ -355,3 +355,17 @@ def test_stiffness_and_friction_that_are_not_known_exactly_are_found_along_with_
 def test_an_uncertain_number_is_one_of_the_robot_and_leaves_friction_on_or_off(name, words):
     with pytest.raises(ValueError, match=words):
         estimator(uncertain=tdcr.ParameterPrior.independent({name: 0.1}))
+
+
+def test_a_force_that_stays_is_known_in_all_frames_from_the_readings_of_the_last():
+    truth, own = (
+        Truth(6, 3, friction=0.2, force=(0.03, 0.0, 0.0)),
+        tdcr.LoadPrior(sigma=0.05, correlation_time=1e9),
+    )
+    found = estimator(friction=0.2, load=own, inputs=tdcr.InputPrior(sigma=0.01))
+    rng = np.random.default_rng(0)
+    frames = [found.step(truth.command(k), truth.positions(rng, k) if k == 5 else []) for k in range(6)]
+    last = frames[-1].passage.found_covariance[:3, :3]
+    for frame in tdcr.smoothed(frames)[:-1]:
+        np.testing.assert_allclose(frame.force, frames[-1].force, atol=1e-6)
+        np.testing.assert_allclose(frame.force_covariance, last, atol=1e-8)

@@ -39,7 +39,8 @@ def wrong(folder, tmp_path):
     return shutil.copytree(folder, tmp_path / "set")
 
 
-def test_the_command_writes_tables_and_a_page(folder, tmp_path, capsys):
+def test_the_command_writes_tables_and_a_page(folder, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("tdcr_fe.estimate.run.WINDOW", 1)
     assert main(["estimate", str(folder), "-o", str(tmp_path / "out")]) == 0
     assert "4 frames estimated" in capsys.readouterr().out
     found = pd.read_csv(tmp_path / "out" / "estimates.csv")
@@ -56,6 +57,9 @@ def test_the_command_writes_tables_and_a_page(folder, tmp_path, capsys):
     # Without readings the tip is known less well.
     assert found["sigma_tip_x"][2] > 10.0 * found["sigma_tip_x"][3]
     assert sorted(set(pd.read_csv(tmp_path / "out" / "shape.csv")["step"])) == [1, 2, 3, 4]
+    smooth = pd.read_csv(tmp_path / "out" / "smoothed.csv")  # the fourth step tells of the third
+    assert list(smooth.columns) == [*found.columns[:-1]] and smooth["step"].tolist() == [1, 2, 3, 4]
+    assert smooth["sigma_tip_x"][2] < 0.9 * found["sigma_tip_x"][2]
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "9 readings in 3 of 4 frames." in page
     assert "The robot in 3D" in page
