@@ -43,24 +43,26 @@ def main(argv: Sequence[str] | None = None) -> int:
     # when it is first imported, which the commands do only after this line. A value set by the user is kept.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(
-            errors="backslashreplace"
-        )  # a label must not stop a terminal of another encoding
+        # A label must not stop a terminal of another encoding.
+        sys.stdout.reconfigure(errors="backslashreplace")
     given = list(sys.argv[1:] if argv is None else argv)
     noted, command = Noted(), ""
     try:
-        args = _parser().parse_args(given)
+        args, others = _parser().parse_known_args(given)
+        if others:
+            args.parser.error(f"unrecognized arguments: {' '.join(others)}")
         args.noted, command = noted, args.command
         with sigterm_as_interrupt() as termination, stdout_kept_free(args), warnings_to(noted.warn):
             noted.quiet = getattr(args, "quiet", False)
             status = _run(args)
     except WrongArguments as error:
         error.parser.print_usage(sys.stderr)
-        print(f"{error.parser.prog}: error: {error}", file=sys.stderr)
+        message = f"{error}{_meant(error, given)}"
+        print(f"{error.parser.prog}: error: {message}", file=sys.stderr)
         if "--json" in given:
             from tdcr_fe.io.problems import Problem
 
-            noted.errors, noted.message = [Problem("arguments", "", "", str(error))], str(error)
+            noted.errors, noted.message = [Problem("arguments", "", "", message)], message
             _print_json(noted, command, Exit.WRONG_INPUT)
         raise SystemExit(Exit.WRONG_INPUT) from None
     status = termination.status if status == Exit.INTERRUPTED else status
@@ -87,10 +89,18 @@ class _Parser(argparse.ArgumentParser):
     """Parser whose errors are exceptions, so that they can be printed as JSON."""
 
     def error(self, message: str) -> NoReturn:
-        """Raise `WrongArguments`; for a choice that is misspelt it names the nearest one."""
-        if wrong := re.search(r"invalid choice: '(.*)' \(choose from (.*)\)", message):
-            message += meant(wrong[1], re.findall(r"[\w-]+", wrong[2]))
+        """Raise `WrongArguments`."""
         raise WrongArguments(self, message)
+
+
+def _meant(error: WrongArguments, given: Sequence[str]) -> str:
+    """The nearest of what there is, for a choice that is misspelt or options that there are not."""
+    if wrong := re.search(r"invalid choice: '(.*)' \(choose from (.*)\)", str(error)):
+        return meant(wrong[1], re.findall(r"[\w-]+", wrong[2]))
+    known = re.findall(r"--[\w-]+", error.parser.format_help())
+    flags = [word.partition("=")[0] for word in given if word.startswith("--")]
+    unknown = [flag for flag in flags if not any(option.startswith(flag) for option in known)]
+    return "".join(f"; there is no option {flag}{meant(flag, known)}" for flag in unknown)
 
 
 class _Formatter(argparse.HelpFormatter):
@@ -138,8 +148,7 @@ def _ended(args: argparse.Namespace, status: int, message: str) -> int:
 def _print_json(noted: Noted, command: str, status: int) -> None:
     from tdcr_fe.io.atomic import to_json
 
-    sys.stdout.write(to_json(noted.document(command, status)))
-    sys.stdout.flush()
+    print(to_json(noted.document(command, status)), end="", flush=True)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -166,7 +175,3 @@ def _parser() -> argparse.ArgumentParser:
             sub.add_argument(*names, **options)
         sub.set_defaults(parser=sub)
     return parser
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -124,6 +124,13 @@ def test_command_that_is_none_returns_2_and_the_nearest_is_named(capsys):
     assert "COMMAND" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("arguments", ["sweep x.toml --precesses=2 -o out", "sweep x.toml --precesses 2"])
+def test_option_that_is_none_returns_2_and_the_nearest_is_named(capsys, arguments):
+    with pytest.raises(SystemExit, match="2"):
+        cli.main(arguments.split())
+    assert "; there is no option --precesses; did you mean --processes?\n" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("name", cli.COMMANDS)
 def test_the_examples_of_a_command_are_taken_by_its_parser(name, monkeypatch):
     monkeypatch.setattr(cli, "_run", lambda args: 0)
