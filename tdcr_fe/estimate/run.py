@@ -16,7 +16,7 @@ from tdcr_fe.estimate.estimator import Estimator
 from tdcr_fe.estimate.identified import NONE_IDENTIFIED, Effects, Identified, read_sigma
 from tdcr_fe.estimate.smoothing import smoothed
 from tdcr_fe.io.measured import MeasuredData, first_checks, large_sigma, read_measured
-from tdcr_fe.io.problems import Problem, Reporter, read_all
+from tdcr_fe.io.problems import InputError, Problem, Reporter, read_all
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.io.toml import read_toml
 from tdcr_fe.model.loading import Load, LoadStep, SolverSettings
@@ -40,7 +40,8 @@ TOP = Keys(
     },
     {"load": LoadPrior(), "identified": "", "uncertain": {}},
 )
-
+#: What is said where there is no such file.
+_LEAST = "; must have at least 'inputs = {sigma = 0.01}', the error of the inputs [N, m or rad]; see docs/estimate.md"
 
 #: Later frames whose readings at least count in the smoothed estimates; a frame takes 0.1 to 0.5 MB until then.
 WINDOW = 100
@@ -130,7 +131,8 @@ def read_estimation(folder: str | os.PathLike[str]) -> Estimation:
     """
     folder = Path(folder)
     path = folder / "estimate.toml"
-    data, top = read_all(lambda: read_measured(folder), lambda: _read_priors(path))
+    # Of what is no folder one mistake is enough.
+    data, top = read_all(lambda: read_measured(folder), lambda: folder.is_dir() and _read_priors(path))
     load, inputs, reporter = top["load"], top["inputs"], Reporter(str(path))
     sigma, identified = read_sigma(top["uncertain"], data, reporter), NONE_IDENTIFIED
     if top["identified"]:
@@ -161,7 +163,12 @@ def read_estimation(folder: str | os.PathLike[str]) -> Estimation:
 def _read_priors(path: Path) -> dict[str, Any]:
     """Contents of ``estimate.toml``."""
     reporter = Reporter(str(path))
-    top, _ = TOP.read(read_toml(path)[0], "", reporter)
+    try:
+        table, _ = read_toml(path)
+    except InputError as error:
+        more = "" if path.exists() else _LEAST
+        raise InputError(replace(p, allowed=p.allowed + more) for p in error.problems) from error
+    top, _ = TOP.read(table, "", reporter)
     reporter.refuse()
     return top
 

@@ -121,7 +121,8 @@ _MODULE = "own_effects"
 def _effects_of(path: Path) -> list[Effect]:
     """Effects that a file defines."""
     if not path.is_file():
-        raise refusal(path, "no such file; must be a Python file with an effect")
+        what = "is a directory" if path.is_dir() else "no such file"
+        raise refusal(path, f"{what}; must be a Python file with an effect")
     try:
         names = runpy.run_path(str(path), run_name=_MODULE)
         classes = [c for c in names.values() if inspect.isclass(c) and c.__module__ == _MODULE]

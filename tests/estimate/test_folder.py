@@ -94,8 +94,7 @@ def test_a_declared_loss_of_tension_acts(folder, tmp_path):
 def test_moment_and_place_are_written_where_they_are_estimated(wrong):
     """Step 3 has no readings: what is known of it is what step 2 says, and the prior."""
     known = '0.05\nsigma_moment = 1e-3\nat = "unknown"'
-    text = (wrong / "estimate.toml").read_text().replace("0.05", known)
-    (wrong / "estimate.toml").write_text(text)
+    (wrong / "estimate.toml").write_text((wrong / "estimate.toml").read_text().replace("0.05", known))
     assert main(["estimate", str(wrong), "-o", str(wrong / "out")]) == 0
     found = pd.read_csv(wrong / "out" / "estimates.csv")
     moments = [f"{p}moment_{a}" for p in ("", "sigma_") for a in "xyz"]
@@ -115,7 +114,7 @@ def test_moment_and_place_are_written_where_they_are_estimated(wrong):
             'load.at = "top": must be an arc length above zero [m], "tip" or "unknown"'),
         ("estimate.toml", "sigma = 0.05", "at = 0.9", "load.at = 0.9: must be at most the length"),
         ("estimate.toml", "sigma = 0.01", "sigma = {helix = 0.1}",
-            "tendon t180 is missing; the robot has helix, t180, t270, t0"),
+            "tendon t180 is missing; tendon t270 is missing; tendon t0 is missing; the robot has helix, t180, t270"),
         ("model.toml", '"elastic-plastic"', '"dahl"',
             "model.toml: model.hysteresis = \"dahl\": must be 'elastic-plastic'"),
         ("loading.csv", "time", "tim", "loading.csv: tim: unknown column"),
@@ -149,7 +148,13 @@ def test_times_are_needed(folder, wrong, tmp_path, capsys):
     pd.read_csv(wrong / "loading.csv").drop(columns="time").to_csv(wrong / "loading.csv", index=False)
     (wrong / "estimate.toml").unlink()
     command = "estimate", wrong, "-o", tmp_path / "out"
-    assert "estimate.toml: no such file" in said(capsys, 2, *command)
+    assert "estimate.toml: no such file; must have at least 'inputs = {sigma = 0.01}'" in said(
+        capsys, 2, *command
+    )
+    (line,) = said(capsys, 2, "estimate", wrong / "robot.toml", "-o", tmp_path / "out").splitlines()[1:]
+    assert line.endswith(
+        "robot.toml: is a file; must be a folder with robot.toml, loading.csv, observations.csv"
+    )
     shutil.copy(folder / "estimate.toml", wrong)
     needed = "time: estimation needs the time of every step [s]; it is missing in step 1"
     assert needed in said(capsys, 2, *command)

@@ -10,6 +10,7 @@ from searches import identified, tips_of_run
 
 from tdcr_fe.cli import main
 from tdcr_fe.effects import EFFECTS
+from tdcr_fe.io.problems import InputError
 from tdcr_fe.io.user_effects import read_own_effects
 
 PAGE = (Path(__file__).parents[2] / "docs" / "identify.md").read_text(encoding="utf-8")
@@ -71,3 +72,5 @@ def test_a_file_that_is_no_effect_is_refused_with_what_is_allowed(example, tmp_p
     assert identified(tmp_path, measured(), "--effects", str(example)) == 2
     said = capsys.readouterr().err
     assert text in said and str(example) in said and not (tmp_path / "out").exists()
+    with pytest.raises(InputError, match="is a directory; must be a Python file with an effect"):
+        read_own_effects([tmp_path])
