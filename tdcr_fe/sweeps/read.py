@@ -118,16 +118,17 @@ def read_sweep(source: StrPath | Mapping[str, Any], effects: Sequence[StrPath] =
         named = Problem(str(path), "scenario", shown(name), "")
         tables = report.sound(lambda: read_scenario_tables(path.parent / name, named))
     scenario: Any = tables and report.sound(lambda: build_scenario(tables, user_effects))
-    report.refuse()
+    wrong = bool(report.problems)
+    if scenario and "output" in top:
+        _check_output(top["output"], scenario, report)
+    if wrong:
+        report.refuse()
     sampling, output, workspace = top["sampling"], top["output"], top["workspace"]
     variations = (*top["vary"], *(_workspace(workspace, scenario, sampling, report) if workspace else ()))
-    _check_output(output, scenario, report)
     digests |= {**tables.digests, **{str(p): digest(p) for p in effects}}
-    files = tuple(map(str, effects))
-    sweep = Sweep(tables, variations, sampling, output, workspace is not None, digests, files)
-    _check_together(sweep, scenario, report)
-    report.refuse()
-    _check_values(sweep, user_effects, report)
+    sweep = Sweep(tables, variations, sampling, output, workspace is not None, digests, (*map(str, effects),))
+    if _check_together(sweep, scenario, report):
+        _check_values(sweep, user_effects, report)
     report.refuse()
     with suppress(ValueError):  # of a case that is refused the reason is in the table
         plausibility(scenario.robot, scenario.model, scenario.steps).issued()
@@ -226,8 +227,8 @@ def _check_output(output: Output, scenario: Scenario, report: Reporter) -> None:
             report(f"output.quantities[{i}]", shown(name), text)
 
 
-def _check_together(sweep: Sweep, scenario: Scenario, report: Reporter) -> None:
-    """Contradictions between the variations."""
+def _check_together(sweep: Sweep, scenario: Scenario, report: Reporter) -> bool:
+    """Contradictions between the variations; whether there are cases all the same."""
     variations, sampling = sweep.variations, sweep.sampling
     if not variations and not report.problems:
         report("vary", "", "nothing is varied; must have a table [[vary]], or [workspace]")
@@ -237,12 +238,13 @@ def _check_together(sweep: Sweep, scenario: Scenario, report: Reporter) -> None:
             report("vary", quoted(name), "is varied twice, or the name of two columns")
         if name in (*ABOUT_CASE, *columns_of_steps(scenario.robot.tendon_names)):
             report("vary", quoted(name), "is the name of another column of the table; give another name")
+    before = len(report.problems)
     for i, v in enumerate(variations):
         if v.distribution is not None and not sampling.is_sample:
             text = f"needs sampling.method = {' or '.join(map(quoted, SAMPLED))}, or give values or range instead"
             report(f"vary[{i}]", shown(v.column), f"a distribution {text}")
-    if report.problems:
-        return
+    if len(report.problems) > before or not variations:
+        return False
     lengths = [len(v.options) for v in variations]
     if sampling.method == "list" and len(set(lengths)) > 1:
         text = ", ".join(f"{n} of {v.column}" for n, v in zip(lengths, variations, strict=True))
@@ -250,6 +252,7 @@ def _check_together(sweep: Sweep, scenario: Scenario, report: Reporter) -> None:
     elif sweep.count > MOST_CASES:
         text = f"gives {sweep.count} cases; must be at most {MOST_CASES}"
         report("sampling.method", quoted(sampling.method), text)
+    return len(report.problems) == before
 
 
 def _check_values(sweep: Sweep, effects: Sequence[Effect], report: Reporter) -> None:

@@ -80,6 +80,10 @@ def test_all_mistakes_of_all_files_come_at_once(tmp_path, capsys):
     for key in ("sampling.samples", "vary[0].key", "vary[1].uniform.upper", "robot.toml: backbone.length"):
         assert key in printed, key
     assert not (tmp_path / "out").exists()
+    text = vary("backbone.raduis", f"{ONE}\n" + 2 * f"[[vary]]\nkey = 'tip_mass'\n{ONE}\n")
+    found = "\n".join(problems_of(tmp_path, text + "[output]\nquantities = ['tipx']"))
+    for expected in ("did you mean radius", "is varied twice", "did you mean tip_x"):
+        assert expected in found
 
 
 def test_a_value_that_is_wrong_only_alone_is_no_mistake(tmp_path):
