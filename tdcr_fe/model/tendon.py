@@ -112,5 +112,5 @@ def by_tendon(
     if default is None:
         wrong += [f"tendon {name} is missing" for name in names if name not in table]
     if wrong:
-        raise FieldError(key, shown(given), f"{wrong[0]}; the robot has {', '.join(names)}")
+        raise FieldError(key, shown(given), f"{'; '.join(wrong)}; the robot has {', '.join(names)}")
     return np.array([table.get(name, default) for name in names], dtype=float)

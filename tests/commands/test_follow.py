@@ -80,13 +80,14 @@ def test_an_empty_cell_leaves_a_coordinate_open(tmp_path, robot, capsys):
 def test_mistakes_of_all_inputs_are_reported_together(tmp_path, robot, capsys):
     rows = ["1,0,0,0.2,,,,", "1,0,0,x,,,,", "2,0,0,0.2,0,0,0,", "3,0,0,0.2,1,,0,5", "4,0,0,0.2,,,,1"]
     path = "\n".join(["step,x,y,z,dx,dy,dz,time", *rows])
-    text = said(capsys, 2, *command(robot, path, *ONE, "--pretension", "t9=0.1"))
+    text = said(capsys, 2, *command(robot, path, *ONE, "--pretension", "t9=0.1", "T2=0.1"))
     for expected in (
         "line 3, z = x: must be a finite number",
         "line 3, step = 1: the step appears more than once",
         "line 4, dx = 0: the direction is zero",
         "line 5, dy = empty: must be a finite number",
         "unknown tendon t9",
+        "unknown tendon T2; did you mean t2?",
     ):
         assert expected in text
     assert not (tmp_path / "out").exists()
