@@ -3,6 +3,7 @@
 import json
 import re
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -38,8 +39,22 @@ def test_settings_of_the_file_are_those_of_the_run(tmp_path):
 def test_long_run_is_announced_by_what_it_has_solved(tmp_path, capsys, monkeypatch):
     """310 s of processor time passed without a word, where the estimate was made from the number of elements."""
     path = write(tmp_path, scenario=SCENARIO + "[[steps]]\ntensions = { t1 = 1.0 }\n" * 4000)
-    monkeypatch.setattr(command, "LOOK", 0.4)  # so long may the results of what was solved take
+    solved, looks = [], []
+
+    def counted(robot, model, steps, settings, progress, **beside):
+        return simulate(robot, model, steps, settings, lambda s: (solved.append(s), progress(s)), **beside)
+
+    def clock():
+        """Nothing at first, half a second, and two when a step is solved after it was announced."""
+        looks.append(len(looks) > 1 and len(solved) > 0)
+        if looks[-1]:
+            monkeypatch.setattr(command, "LOOK", 60.0)  # so long may the results of what was solved take
+        return 2.0 if looks[-1] else 0.5 * (len(looks) > 1)
+
+    monkeypatch.setattr(command, "LOOK", 0.05)
     monkeypatch.setattr(command, "LONG_RUN", 0.3)
+    monkeypatch.setattr(command, "simulate", counted)
+    monkeypatch.setattr(command, "time", SimpleNamespace(perf_counter=clock))
     err = said(capsys, 1, "run", path, "-o", tmp_path / "out", "--no-pictures", "--minutes", "0.02")
     assert re.search(r"of 4002 load steps solved in \d s: .*--minutes keeps what is solved", err)
     assert "stopped at the time limit of 0.02 minutes in step" in err

@@ -4,6 +4,7 @@ import math
 import re
 import shutil
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -126,6 +127,25 @@ def test_profiles_are_drawn_in_the_unit_of_their_axis():
     assert twist.get_xlabel() == both.get_ylabel() == "actuator gain.twist [deg]"
     assert twist.lines[1].get_xdata() == pytest.approx(np.degrees([0.08, 0.1, 0.12]))
     assert [float(x[0]) for x in both.lines[1].get_data()] == pytest.approx([0.9, np.degrees(0.1)])
+
+
+def test_long_labels_of_axes_are_wrapped_and_keep_apart():
+    """They ran into each other below three pictures in a row."""
+    values = dict.fromkeys(("moment_x_per_tension", "moment_y_per_tension", "twist"), (0.1, 0.01, "N"))
+    found = added("side_load (tendon = t1, from = 0.125, until = 0.25)", **values)
+    profiles = tuple(
+        Profile(f"{found.name}.{n}", np.array([0.0, 0.1]), np.array([-1.0, 0.0])) for n in values
+    )
+    figure = figures.parameters(result(found, parameters=Parameters((), np.eye(0), profiles)))
+    figure.draw_without_rendering()
+    boxes = [ax.xaxis.label.get_window_extent() for ax in figure.axes]
+    assert all(left.x1 < right.x0 for left, right in pairwise(boxes)) and boxes[-1].x1 < figure.bbox.x1
+
+
+def test_names_that_contain_commas_are_joined_with_semicolons():
+    for name, comma in (("spring (tendon = t1, s = 0.1)", "; "), ("friction", ", ")):
+        (first, *_) = sentences(result(GRAVITY, added(name), added("actuator_gain")))
+        assert first.endswith(f" is missing gravity{comma}{name} and actuator gain.")
 
 
 def test_a_loop_is_a_run_in_which_one_tendon_moves():
