@@ -27,9 +27,6 @@ if TYPE_CHECKING:
 COMPONENTS = 6
 MOMENT, FORCE = slice(0, 3), slice(3, 6)
 
-#: Names of the loads that carry an action begin with this.
-LOAD = "law"
-
 
 @dataclass(frozen=True)
 class BayState:
@@ -94,8 +91,7 @@ class Action(NamedTuple):
     def none(cls, experiment: Experiment) -> Action:
         """No action."""
         steps, bays = len(experiment.whole_steps), len(experiment.robot.bay_edges) - 1
-        upright = np.broadcast_to(np.eye(3), (steps, bays, 3, 3))
-        return cls(np.zeros((steps, bays, COMPONENTS)), upright)
+        return cls(np.zeros((steps, bays, COMPONENTS)), np.broadcast_to(np.eye(3), (steps, bays, 3, 3)))
 
     def in_frames(self, rotation: Array) -> Action:
         """The same about the axes of other middle sections, shape (K, n_bays, 3, 3)."""
@@ -117,13 +113,17 @@ def at_ends(experiment: Experiment, values: Array) -> Iterator[tuple[LoadStep, A
         yield step, before + factor * (values[k] - before)
 
 
+def _load_places(experiment: Experiment) -> dict[str, float]:
+    """Arc lengths of the loads that carry an action [m], by name: one at the end of every bay."""
+    return {f"law {j}": s for j, s in enumerate(experiment.robot.bay_edges[1:].tolist(), 1)}
+
+
 def with_action(experiment: Experiment, action: Action) -> Experiment:
     """The experiment, possibly with divided steps, with an action as concentrated loads."""
-    edges = experiment.robot.bay_edges
-    steps = []
+    places, steps = _load_places(experiment).items(), []
     for step, here in at_ends(experiment, _wrenches(action)):
-        ends = enumerate(zip(edges[1:].tolist(), here.tolist(), strict=True), 1)
-        loads = {f"{LOAD} {j}": Load(s, (a, b, c), (d, e, f)) for j, (s, (a, b, c, d, e, f)) in ends}
+        ends = zip(places, here.tolist(), strict=True)
+        loads = {name: Load(s, (a, b, c), (d, e, f)) for (name, s), (a, b, c, d, e, f) in ends}
         steps.append(replace(step, loads={**step.loads, **loads}))
     return replace(experiment, steps=tuple(steps))
 
@@ -138,15 +138,16 @@ def _wrenches(action: Action) -> Array:
 def loads_of(experiment: Experiment, action: Action) -> dict[str, Array]:
     """The concentrated loads of `with_action` at the ends of all steps, by name, shape (n_steps, 6)."""
     wrenches = np.array([here for _, here in at_ends(experiment, _wrenches(action))])
-    return {f"{LOAD} {j}": wrenches[:, j - 1] for j in range(1, wrenches.shape[1] + 1)}
+    return dict(zip(_load_places(experiment), np.moveaxis(wrenches, 1, 0), strict=True))
 
 
 def action_inputs(experiment: Experiment) -> tuple[StepInput, ...]:
     """Inputs by which a run with an action is differentiated."""
     from tdcr_fe.solve.sensitivities.parameters import LOAD_COMPONENTS, StepInput
 
-    names = [(f"{LOAD} {j + 1}", c) for j in range(len(experiment.robot.bay_edges) - 1) for c in range(6)]
-    return tuple(StepInput(f"{name} {LOAD_COMPONENTS[c]}", load=name, component=c) for name, c in names)
+    components = [*enumerate(LOAD_COMPONENTS)]
+    names = _load_places(experiment)
+    return tuple(StepInput(f"{name} {x}", load=name, component=c) for name in names for c, x in components)
 
 
 def bay_state(experiment: Experiment, steps: Sequence[StepResult]) -> BayState:
@@ -160,8 +161,7 @@ def bay_state(experiment: Experiment, steps: Sequence[StepResult]) -> BayState:
     curvature = turn.as_rotvec().reshape(count, bays, 3) / widths[:, None]
     half = Rotation.from_rotvec(0.5 * turn.as_rotvec()).as_matrix().reshape(count, bays, 3, 3)
     rotation = frames[:, :-1] @ half
-    moved = np.array([step.positions[nodes[1:]] for step in steps])
-    moved = moved - np.array([0.0, 0.0, 1.0]) * edges[1:, None]
+    moved = np.array([step.positions[nodes[1:]] for step in steps]) - np.outer(edges[1:], (0.0, 0.0, 1.0))
     tension, lever = np.zeros((count, bays, m)), np.zeros((bays, m, 2))
     for i, tendon in enumerate(robot.tendons):
         end = robot.end(tendon)
@@ -202,8 +202,7 @@ def state_change(run: Run, by: RunDerivatives) -> Array:
     nodes = [int(np.argmin(np.abs(run.s - e))) for e in state.edges]
     turned = by.rotations[:, nodes]
     local = np.einsum("kbij,kbip->kbjp", state.rotation, turned[:, 1:] - turned[:, :-1])
-    rates = local / np.diff(state.edges)[:, None, None]
-    both = np.concatenate((rates, by.positions[:, nodes[1:]]), axis=2)
+    both = np.concatenate((local / np.diff(state.edges)[:, None, None], by.positions[:, nodes[1:]]), axis=2)
     return np.asarray(both.reshape(steps, COMPONENTS * state.shape[1], -1))
 
 
