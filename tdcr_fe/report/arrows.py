@@ -54,7 +54,7 @@ class LoadArrows:
             length = 0.12 * self.motion.length * MM
             direction = length * self.gravity / np.linalg.norm(self.gravity)
             axes.quiver(*corner, *direction, color=GRAVITY, lw=1.4, arrow_length_ratio=0.3)
-            axes.text(*(corner + 0.5 * direction), " g", color=GRAVITY, style="italic")
+            axes.text(*(corner + 0.5 * direction), " g", color=GRAVITY, style="italic", va="bottom")
 
     def legend_handles(self) -> Iterator[Line2D]:
         """Legend entries of the arrows; the text includes the largest value of each kind."""
@@ -101,5 +101,5 @@ class _Plane(NamedTuple):
         place[[self.i, self.j]] = corners[int(np.argmax(gaps))]
         direction = 0.09 * (top - bottom) * gravity / np.linalg.norm(gravity)
         self.arrow(place - direction / 2.0, direction, GRAVITY)
-        text: dict[str, Any] = {"textcoords": "offset points", "color": GRAVITY, "va": "center"}
-        self.axes.annotate("g", tuple(place[[self.i, self.j]]), xytext=(7, 5), style="italic", **text)
+        text: dict[str, Any] = {"textcoords": "offset points", "color": GRAVITY, "va": "bottom"}
+        self.axes.annotate("g", tuple(place[[self.i, self.j]]), xytext=(7, 3), style="italic", **text)

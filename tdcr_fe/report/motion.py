@@ -23,8 +23,8 @@ from tdcr_fe.model.tendon import Tendon
 
 #: Millimetres in a metre.
 MM = 1e3
-#: Points per bay of a tendon that follows the backbone.
-POINTS_PER_BAY = 6
+#: Points per bay of a tendon that follows the backbone, and least of a whole one: without disks there is one bay.
+POINTS_PER_BAY, LEAST_POINTS = 6, 36
 #: An arc length is that of a node where they differ by less than this part of the backbone [1].
 SAME_NODE = 1e-7
 #: Points of a backbone drawn as a line, and of the rim of a disk.
@@ -248,10 +248,11 @@ def _tendon_geometry(robot: Robot, tendon: Tendon, continuous: bool) -> dict[str
     s = robot.hole_arc_lengths(tendon)
     segments, points = np.arange(1, len(s)), robot.hole_points(tendon)
     if continuous:
-        share = np.arange(POINTS_PER_BAY) / POINTS_PER_BAY
+        count = max(POINTS_PER_BAY, LEAST_POINTS // len(segments))
+        share = np.arange(count) / count
         s = np.append((s[:-1, None] + share * np.diff(s)[:, None]).ravel(), s[-1])
         points = np.column_stack((tendon.routing.position(s, robot.end(tendon)), np.zeros_like(s)))
-        segments = np.repeat(segments, POINTS_PER_BAY)
+        segments = np.repeat(segments, count)
     return {"name": tendon.name, "path": np.column_stack((s, points)).tolist(), "segments": segments.tolist()}
 
 

@@ -215,6 +215,7 @@ def shapes(result: SequenceResult) -> Figure:
             view.planar(axes, i, 2)
             axes.set_title(title)
         view.colours.bar(figure, [whole, side, front], shrink=0.75, pad=0.02, aspect=28)
+        whole.set_anchor("C")  # the bar moves it to the right, where its labels lay on those of the next view
     return figure
 
 
@@ -272,7 +273,7 @@ def tensions(result: SequenceResult) -> Figure | None:
             ax.set_title(f"tendon {tendon.name}")
             ax.set_xlabel("arc length s [mm]")
             ax.set_xlim(0.0, motion.length * MM)
-            ax.set_ylim(bottom=0.0)
+        axes[0].set_ylim(bottom=0.0)  # of all, when all are drawn: it ends the search for limits
         colours.bar(figure, axes, pad=0.02, aspect=28)
     return figure
 
@@ -331,7 +332,7 @@ def hysteresis(result: SequenceResult) -> Figure | None:
             ax.set_xlabel(label)
             low, high = min(0.0, float(values.min())), max(0.0, float(values.max()))
             ax.set_xlim(low - (0.04 * (high - low) if low < 0.0 else 0.0), high + 0.04 * (high - low))
-            ax.set_ylim(bottom=0.0)
+        axes[0].set_ylim(bottom=0.0)
         colours.bar(figure, axes, pad=0.02, aspect=28)
     return figure
 

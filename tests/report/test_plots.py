@@ -5,7 +5,7 @@ from dataclasses import replace
 import matplotlib as mpl
 import numpy as np
 import pytest
-from arcs import arc_result, paper_robot
+from arcs import arc_result, arc_step, paper_robot
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 from robots import three
@@ -13,10 +13,11 @@ from scenes import scene
 
 from tdcr_fe.elements.drives import DISPLACEMENT, TendonDrives
 from tdcr_fe.model.loading import Actuation, Load, LoadStep, Model
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.results import SequenceResult
+from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.report import plots, video
 from tdcr_fe.report.arrows import LoadArrows
-from tdcr_fe.report.motion import between, motion_of
+from tdcr_fe.report.motion import between, geometry, motion_of
 from tdcr_fe.report.scene_picture import scene_picture
 from tdcr_fe.report.video import times, write_video
 from tdcr_fe.report.viewer_data import STATES, hole_codes
@@ -52,8 +53,11 @@ def test_straight_tendon_is_drawn_from_hole_to_hole_and_classical_one_along_the_
     step, line = result.steps[4], motion.tendon_points(4, motion.tendons[0])
     nodes = np.concatenate(([0], np.arange(2, 27, 2)))
     assert line == pytest.approx(step.positions[nodes] + 4.5e-3 * step.rotations[nodes][:, :, 0], abs=1e-9)
-    classical = motion_of(replace(result, model=Model("continuous", "none")))
+    classical_model = Model("continuous", "none")
+    classical = motion_of(replace(result, model=classical_model))
     assert len(classical.tendon_points(4, classical.tendons[0])) == 6 * 13 + 1
+    soft = geometry(replace(result, robot=replace(result.robot, disks=Disks(())), model=classical_model))
+    assert len(soft["tendons"][0]["path"]) == 37  # without disks it had six sides
 
 
 def test_tensions_are_steps_over_arc_length():
@@ -61,6 +65,10 @@ def test_tensions_are_steps_over_arc_length():
     drawn = [patch.get_data() for patch in axes_by_title(plots.tensions(result))["tendon t1"].patches]
     assert any(np.array_equal(d.values, result.steps[4].tensions[0]) for d in drawn)
     assert drawn[0].edges == pytest.approx(1e3 * result.robot.hole_arc_lengths(result.robot.tendons[0]))
+    second = arc_result(paper_robot(2), [LoadStep("", {"t2": 1.0})])
+    assert (
+        axes_by_title(plots.tensions(second))["tendon t2"].get_ylim()[1] > 1.0
+    )  # limits were those of the first
 
 
 def test_what_there_is_is_drawn(tmp_path):
@@ -101,6 +109,15 @@ def test_title_and_legend_of_six_tendons_lie_apart_from_the_axes(draw):
         extent = ax.get_tightbbox(renderer)
         assert not extent.overlaps(title) and not extent.overlaps(legend)
     assert legend.x0 >= 0.0 and legend.x1 <= figure.bbox.width
+
+
+def test_labels_of_a_wide_robot_in_space_lie_apart_from_the_view_beside_it():
+    robot = paper_robot()
+    steps = tuple(arc_step(robot, k + 1, 1.8, k * np.pi, np.ones(1)) for k in range(2))
+    figure = plots.shapes(SequenceResult(robot, Model(), steps))
+    figure.draw_without_rendering()
+    space, side, *_ = figure.axes
+    assert space.zaxis.label.get_window_extent().x1 < side.get_tightbbox().x0
 
 
 @pytest.mark.parametrize("by_displacement", [False, True])
