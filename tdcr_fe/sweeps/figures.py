@@ -33,12 +33,12 @@ def tips(result: SweepResult) -> pd.DataFrame:
         names = {name.replace("_z", f"_{axis}", 1): axis for axis in "xyz"}
         if name.startswith("tip_z") and set(names) <= set(result.outputs):
             table = 1e3 * result.cases[list(names)].rename(columns=names).dropna()
-            return table if sum(varies(result.column(n)) for n in names) > 1 else table[:0]
+            return table if sum(map(result.varies, names)) > 1 else table[:0]
     return pd.DataFrame()
 
 
 def _row_of_axes(count: int, height: float, **options: Any) -> tuple[Figure, list[Axes]]:
-    figure = Figure(figsize=(_WIDTH, height), layout="constrained")
+    figure = Figure(figsize=(max(_WIDTH, 2.6 * count), height), layout="constrained")
     return figure, list(figure.subplots(1, count, squeeze=False, **options)[0])
 
 

@@ -155,16 +155,21 @@ class SweepResult:
         """A column of numbers."""
         return self.cases[name].to_numpy(dtype=float)
 
+    def varies(self, name: str) -> bool:
+        """Whether a result varies, by more than the solver resolves: 1e-6 degrees, 1e-9 of the others."""
+        resolved = 1e-6 if _ANGLE.fullmatch(name) else 1e-9
+        return varies(self.column(name), resolved if _BUILT_IN.match(name) else 1e-12)
+
     def statistics(self) -> pd.DataFrame:
         """Moments and quantiles over the cases that converged: a column for every result that varies."""
-        return summarise(self.cases[[n for n in self.outputs if varies(self.column(n))]])
+        return summarise(self.cases[[n for n in self.outputs if self.varies(n)]])
 
     def sobol_indices(self) -> dict[str, SobolIndices]:
         """Sobol indices of every result that varies; empty where the method is not "saltelli"."""
         if self.sweep.sampling.method != "saltelli":
             return {}
         inputs, seed = len(self.inputs), self.sweep.sampling.seed
-        indices = {n: sobol_indices(self.column(n), inputs, seed) for n in self.outputs}
+        indices = {n: sobol_indices(self.column(n), inputs, seed) for n in self.outputs if self.varies(n)}
         return {n: x for n, x in indices.items() if x is not None}
 
     @cached_property

@@ -20,12 +20,12 @@ def summarise(table: pd.DataFrame) -> pd.DataFrame:
     return table.describe(percentiles=percentiles).rename(_QUANTILES) if len(table.columns) else table
 
 
-def varies(values: Array) -> bool:
-    """Whether a column has at least two different finite numbers, beyond rounding (a part in 10^9, or 10^-12)."""
+def varies(values: Array, least: float = 1e-12) -> bool:
+    """Whether a column has at least two different finite numbers, beyond rounding (a part in 10^9, or ``least``)."""
     values = values[np.isfinite(values)]
     if len(values) < 2:
         return False
-    return bool(np.ptp(values) > 1e-9 * max(float(np.abs(values).max()), 1e-3))
+    return bool(np.ptp(values) > max(1e-9 * float(np.abs(values).max()), least))
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,18 @@
 """Designs and samples follow their distributions, with quantiles of SciPy; Sobol indices against closed forms."""
 
 from collections import Counter
+from itertools import pairwise
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy import stats
 
-from tdcr_fe.sweeps.description import Range, Sampling, Sweep, Variation
+from tdcr_fe.report.style import panels
+from tdcr_fe.sweeps.cases import ABOUT_CASE
+from tdcr_fe.sweeps.description import Output, Range, Sampling, Sweep, Variation
+from tdcr_fe.sweeps.figures import sobol
+from tdcr_fe.sweeps.result import SweepResult
 from tdcr_fe.sweeps.sampling import LogNormal, Normal, Uniform, unit_points
 from tdcr_fe.sweeps.statistics import sobol_indices
 
@@ -47,6 +53,23 @@ def test_base_samples_with_a_case_missing_are_left_out():
 def test_a_constant_has_no_indices():
     assert sobol_indices(np.full(50, 3.0), 3) is None
     assert sobol_indices(np.full(50, np.nan), 3) is None
+
+
+def test_what_the_solver_does_not_resolve_is_left_out_and_pictures_of_six_results_have_room():
+    """A robot at rest had statistics of 1e-8 degrees; titles lay on each other, and labels left the axes no width."""
+    names = ["bending_angle_deg", *(f"bending_angle_deg_step{k}" for k in range(1, 7))]
+    varied = tuple(Variation(f"tendons.t{k}.friction_coefficient", values=(0.1,)) for k in range(3))
+    table = pd.DataFrame(np.random.default_rng(1).random((40, len(ABOUT_CASE) + 10)))
+    table.columns = [*ABOUT_CASE, *(v.key for v in varied), *names]
+    table["bending_angle_deg"] *= 1e-7
+    sweep = Sweep(None, varied, Sampling("saltelli", 8), Output("all", tuple(names)))
+    result = SweepResult(sweep, table)
+    assert list(result.statistics()) == names[1:]
+    figure = sobol(result)
+    figure.draw_without_rendering()
+    titles = [ax._left_title.get_window_extent() for ax in figure.axes]
+    assert all(left.x1 < right.x0 for left, right in pairwise(titles))
+    panels(figure)  # warned that the axes have no width
 
 
 # ------------------------------------------------------------ sampling
