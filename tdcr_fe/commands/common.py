@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
@@ -38,6 +39,11 @@ def say(args: argparse.Namespace, text: str) -> None:
     """Print a text at once, unless the command is quiet."""
     if not args.quiet:
         print(text, flush=True)
+
+
+def typed(*words: object) -> str:
+    """A command of the program as it is typed, names with blanks in quotes."""
+    return shlex.join(["tdcr-fe", *map(str, words)])
 
 
 def complain_of_left_out(args: argparse.Namespace, rows: Sequence[object], most: int = 10) -> None:

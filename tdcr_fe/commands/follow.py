@@ -8,7 +8,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from tdcr_fe.commands.common import Exit, complain, print_understood, progress_bar, say
+from tdcr_fe.commands.common import Exit, complain, print_understood, progress_bar, say, typed
 from tdcr_fe.io.atomic import check_output_folder
 from tdcr_fe.io.loading_table import read_path
 from tdcr_fe.io.problems import InputError, Problem, read_all, refusal
@@ -64,7 +64,7 @@ def follow(args: argparse.Namespace) -> int:
     written = write_follow(result, out, settings, digests, len(targets), options, not args.no_pictures)
     say(args, f"{result!r}\nWritten to {out}: " + ", ".join(str(p.relative_to(out)) for p in written))
     if result.steps:
-        say(args, f"To solve it again: tdcr-fe run {out / 'scenario' / 'scenario.toml'} -o OUT")
+        say(args, f"To solve it again: {typed('run', out / 'scenario' / 'scenario.toml', '-o', 'OUT')}")
     for status in (ReachStatus.OUT_OF_REACH, ReachStatus.NOT_CONVERGED):
         if numbers := result.numbers(status):
             most = 1e3 * max(result.targets[n - 1].error for n in numbers)
@@ -96,8 +96,7 @@ def _limits(args: argparse.Namespace, robot: Robot) -> TensionLimits:
         limits.bounds(robot.tendon_names)
         return limits
     except ValueError as error:
-        text = str(error).removeprefix("TensionLimits.")
-        raise refusal("--largest, --pretension", text) from error
+        raise refusal("--largest, --pretension", str(error).removeprefix("TensionLimits.")) from error
 
 
 def _tensions(texts: list[str]) -> float | dict[str, float]:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from tdcr_fe.commands.common import Exit, say
+from tdcr_fe.commands.common import Exit, say, typed
 from tdcr_fe.io.atomic import check_output_folder, write_folder, write_text
 from tdcr_fe.io.keys import json_schema
 from tdcr_fe.io.loading_table import loading_table
@@ -33,9 +33,12 @@ def new(args: argparse.Namespace) -> int:
     out = check_output_folder(args.out or f"tdcr-fe-{args.kind}")
     tendons, results = [f"t{k + 1}" for k in range(args.tendons)], out / "results"
     names, next_step = {
-        "robot": (SCENARIO, f"run {out / 'scenario.toml'} -o {results}"),
-        "experiment": (EXPERIMENT, f"identify {out} -o {out}-report   (see {out / 'NOTES.md'})"),
-        "sweep": ((*SCENARIO, "sweep.toml"), f"sweep {out / 'sweep.toml'} -o {results}"),
+        "robot": (SCENARIO, typed("run", out / "scenario.toml", "-o", results)),
+        "experiment": (
+            EXPERIMENT,
+            typed("identify", out, "-o", f"{out}-report") + f"   (see {out / 'NOTES.md'})",
+        ),
+        "sweep": ((*SCENARIO, "sweep.toml"), typed("sweep", out / "sweep.toml", "-o", results)),
     }[args.kind]
     tables = TABLES if args.kind == "experiment" else ()
     if there := [str(out / name) for name in (*names, *tables) if (out / name).exists()]:
@@ -50,7 +53,7 @@ def new(args: argparse.Namespace) -> int:
                 write_text(table.to_csv(index=False, lineterminator="\n"), folder / name)
 
     written = write_folder(out, write)
-    say(args, f"Written to {out}: {', '.join(p.name for p in written)}\nNext: tdcr-fe {next_step}")
+    say(args, f"Written to {out}: {', '.join(p.name for p in written)}\nNext: {next_step}")
     return Exit.DONE
 
 

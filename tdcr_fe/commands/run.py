@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from tdcr_fe.commands.common import Exit, complain, print_understood, progress_bar, say
+from tdcr_fe.commands.common import Exit, complain, print_understood, progress_bar, say, typed
 from tdcr_fe.io.atomic import check_output_folder, write_folder
 from tdcr_fe.io.problems import InputError, Problem, read_all, refusal
 from tdcr_fe.io.result_files import write_results
@@ -60,7 +60,7 @@ def demo(args: argparse.Namespace) -> int:
         write_folder(out, write)
     scenario = out / "scenario.toml"
     say(args, f"The input is {scenario} with {out / 'robot.toml'}; edit it and solve it again with")
-    say(args, f"    tdcr-fe run {scenario} -o {out}\n")
+    say(args, f"    {typed('run', scenario, '-o', out)}\n")
     return _solve_and_write(read_scenario(scenario), out, args)
 
 
