@@ -26,8 +26,8 @@ def read_table(path: StrPath) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        One row per row that is not empty, all cells as text without blanks at their ends; the index is the line of the
-        row in the file.
+        One row per row that is not empty and no comment (``# ...``), all cells as text without blanks at their ends;
+        the index is the line of the row in the file.
 
     Raises
     ------
@@ -36,14 +36,15 @@ def read_table(path: StrPath) -> pd.DataFrame:
     """
     path = Path(path)
     text = _text(path)
-    header = next((line for line in text.splitlines() if line.strip()), "")
+    header = next((line for line in text.splitlines() if line.strip() and not line.startswith("# ")), "")
     delimiter = next((mark for mark in ";\t" if mark in header), ",")
     rows, line = {}, 1
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
     try:
         for row in reader:
             cells = [cell.strip() for cell in row]
-            if any(cells):
+            comment = bool(cells) and cells[0].startswith("# ") and (rows or not any(cells[1:]))
+            if any(cells) and not comment:
                 rows[line] = cells
             line = reader.line_num + 1
     except csv.Error as error:

@@ -30,12 +30,12 @@ def test_every_dialect_gives_the_same_table(tmp_path, delimiter, decimal, quotin
     assert list(table.index) == [2, 3, 4]
 
 
-def test_blank_rows_and_empty_columns_at_the_end_are_skipped(tmp_path):
+def test_blank_rows_comments_and_empty_columns_at_the_end_are_skipped(tmp_path):
     path = tmp_path / "t.csv"
-    path.write_text("step;branch;value;;\n\n1;a,5;0,5;;\n;;;;\n2;1,2,3;1,5;;\n")
+    path.write_text("# May, 3\nbranch;step;value;;\n\na,5;1;0,5;;\n# new; c\n;;;;\n1,2,3;2;1,5;;\n#3;3;2;;\n")
     table = read_table(path)
-    assert (table.value.tolist(), list(table.index)) == (["0.5", "1.5"], [3, 5])
-    assert table.branch.tolist() == ["a,5", "1,2,3"]  # no numbers
+    assert (table.value.tolist(), list(table.index)) == (["0.5", "1.5", "2"], [4, 7, 8])
+    assert table.branch.tolist() == ["a,5", "1,2,3", "#3"]  # no numbers, no comment
 
 
 @pytest.mark.parametrize(
