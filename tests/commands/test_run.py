@@ -39,25 +39,22 @@ def test_settings_of_the_file_are_those_of_the_run(tmp_path):
 def test_long_run_is_announced_by_what_it_has_solved(tmp_path, capsys, monkeypatch):
     """310 s of processor time passed without a word, where the estimate was made from the number of elements."""
     path = write(tmp_path, scenario=SCENARIO + "[[steps]]\ntensions = { t1 = 1.0 }\n" * 4000)
-    solved, looks = [], []
+    solved, times = (
+        [],
+        iter([0.0, 0.05]),
+    )  # the look after the announcement finds the limit passed once a step is solved
 
     def counted(robot, model, steps, settings, progress, **beside):
         return simulate(robot, model, steps, settings, lambda s: (solved.append(s), progress(s)), **beside)
 
-    def clock():
-        """Nothing at first, half a second, and two when a step is solved after it was announced."""
-        looks.append(len(looks) > 1 and len(solved) > 0)
-        if looks[-1]:
-            monkeypatch.setattr(command, "LOOK", 60.0)  # so long may the results of what was solved take
-        return 2.0 if looks[-1] else 0.5 * (len(looks) > 1)
-
-    monkeypatch.setattr(command, "LOOK", 0.05)
-    monkeypatch.setattr(command, "LONG_RUN", 0.3)
+    clock = SimpleNamespace(perf_counter=lambda: next(times, 2.0 if solved else 0.05))
+    monkeypatch.setattr(command, "time", clock)
     monkeypatch.setattr(command, "simulate", counted)
-    monkeypatch.setattr(command, "time", SimpleNamespace(perf_counter=clock))
-    err = said(capsys, 1, "run", path, "-o", tmp_path / "out", "--no-pictures", "--minutes", "0.02")
+    monkeypatch.setattr(command, "LOOK", 60.0)  # so long may the results of what was solved take
+    monkeypatch.setattr(command, "LONG_RUN", 0.3)
+    err = said(capsys, 1, "run", path, "-o", tmp_path / "out", "--no-pictures", "--minutes", "0.001")
     assert re.search(r"of 4002 load steps solved in \d s: .*--minutes keeps what is solved", err)
-    assert "stopped at the time limit of 0.02 minutes in step" in err
+    assert "stopped at the time limit of 0.001 minutes in step" in err
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert not summary["converged"] and len(summary["steps"]) >= 1
     assert len(pd.read_csv(tmp_path / "out" / "steps.csv")) == len(summary["steps"])
