@@ -26,20 +26,20 @@ from pathlib import Path
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
     "elements": 2446,
-    "tdcr_fe": 242,
-    "tdcr_fe/commands": 767,
-    "tdcr_fe/effects": 1230,
-    "tdcr_fe/estimate": 1478,
-    "tdcr_fe/identify": 6146,
-    "tdcr_fe/io": 1777,
-    "tdcr_fe/live": 359,
-    "tdcr_fe/model": 2443,
-    "tdcr_fe/report": 1100,
-    "tdcr_fe/scene": 1332,
+    "tdcr_fe": 245,
+    "tdcr_fe/commands": 772,
+    "tdcr_fe/effects": 1226,
+    "tdcr_fe/estimate": 1481,
+    "tdcr_fe/identify": 6133,
+    "tdcr_fe/io": 1776,
+    "tdcr_fe/live": 358,
+    "tdcr_fe/model": 2439,
+    "tdcr_fe/report": 1105,
+    "tdcr_fe/scene": 1330,
     "tdcr_fe/solve": 6320,
-    "tdcr_fe/sweeps": 1400,
+    "tdcr_fe/sweeps": 1406,
     "validation": 6410,
-    "tests": 12609,
+    "tests": 12613,
 }
 #: Rooms that are no part of the product.
 BESIDE = ("tests", "validation")

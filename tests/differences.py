@@ -105,8 +105,7 @@ def check(experiment: Experiment, name: str | Parameter, relative: Sequence[floa
                 theirs = rotation_vectors(now, theirs)
             # A derivative of zero is one far below the value over the parameter.
             size = max(float(np.abs(theirs).max()), 1e-6 * SCALES[kind] / parameter.size)
-            error = float(np.abs(derivative - theirs).max()) / size
-            best[kind] = min(best.get(kind, np.inf), error)
+            best[kind] = min(best.get(kind, np.inf), float(np.abs(derivative - theirs).max()) / size)
         if max(best.values()) < TOLERANCE:
             return
     assert best, "holes change their states between all neighbours"

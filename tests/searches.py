@@ -145,5 +145,4 @@ def tips_of_run(scenario, out, *options):
     """Positions of the tip by label, from the tables of ``tdcr-fe run``."""
     assert main(["run", str(scenario), "-o", str(out), "--no-pictures", "-q", *options]) == 0
     table = pd.read_csv(out / "steps.csv", dtype={"label": str})
-    ends = table.drop_duplicates("label", keep="last").set_index("label")
-    return ends[["tip_x", "tip_y", "tip_z"]]
+    return table.drop_duplicates("label", keep="last").set_index("label")[["tip_x", "tip_y", "tip_z"]]

@@ -85,8 +85,7 @@ def test_registering_twice_changes_nothing():
 
 def test_an_editable_install_is_a_plain_path(tmp_path):
     """Editors and type checkers read a path; import hooks they do not."""
-    built = tmp_path / build("editable", tmp_path)
-    archive = zipfile.ZipFile(built)
+    archive = zipfile.ZipFile(tmp_path / build("editable", tmp_path))
     paths = [archive.read(n).decode().strip() for n in archive.namelist() if n.endswith(".pth")]
     assert [Path(path) for path in paths] == [ROOT]
     assert not [n for n in archive.namelist() if n.endswith(".py")]

@@ -74,8 +74,7 @@ def with_effects(
     for name in effects:
         effect(name, catalogue)
     if effects:
-        steps = in_newtons_and_metres(experiment.robot, experiment.steps)
-        experiment = replace(experiment, steps=steps)
+        experiment = replace(experiment, steps=in_newtons_and_metres(experiment.robot, experiment.steps))
     for e in catalogue:
         if e.name in effects:
             e.check(effects[e.name], experiment)

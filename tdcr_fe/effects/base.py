@@ -79,8 +79,7 @@ class Experiment:
             divided = None
             if self.ends is not None:
                 divided = tuple((ends[j][0] - first, ends[j][1]) for j in chosen)
-            steps = tuple(self.steps[j] for j in chosen)
-            part = replace(self, steps=steps, ends=divided, restarts=())
+            part = replace(self, steps=tuple(self.steps[j] for j in chosen), ends=divided, restarts=())
             sequences.append(replace(part, folder=number, folders=self.folder_count))
         return tuple(sequences)
 

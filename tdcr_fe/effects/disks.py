@@ -148,8 +148,7 @@ class MisplacedChannels(Effect):
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`."""
-        tendons = tuple(_moved(t, values) for t in experiment.robot.tendons)
-        return experiment.with_robot(tendons=tendons)
+        return experiment.with_robot(tendons=tuple(_moved(t, values) for t in experiment.robot.tendons))
 
 
 def _moved(tendon: Tendon, values: Values) -> Tendon:

@@ -53,8 +53,7 @@ class FrameMisalignment(Effect):
         turn = Rotation.from_rotvec([values.get(p.name, 0.0) for p in self.parameters])
         both = (turn * Rotation.from_rotvec(np.array(before.rotation))).as_rotvec()
         shift = turn.apply(np.array(before.shift)) + [values.get(p.name, 0.0) for p in self._shift]
-        observation = replace(before, rotation=_triple(both), shift=_triple(shift))
-        return replace(experiment, observation=observation)
+        return replace(experiment, observation=replace(before, rotation=_triple(both), shift=_triple(shift)))
 
 
 class OfMarker(Form):

@@ -139,8 +139,7 @@ def linear_start(covariance: Array, residual: Array, jacobian: Array) -> Array:
 def posterior_covariance(covariance: Array, jacobian: Array) -> Array:
     """Covariance of the unknowns given the readings, from that of the prior and `SolvedState.jacobian`."""
     cross = covariance @ jacobian.T
-    inner = jacobian @ cross + np.eye(len(jacobian))
-    return np.asarray(covariance - cross @ np.linalg.solve(inner, cross.T))
+    return np.asarray(covariance - cross @ np.linalg.solve(jacobian @ cross + np.eye(len(jacobian)), cross.T))
 
 
 @dataclass(frozen=True, eq=False)

@@ -136,7 +136,6 @@ def _page(result: EstimateResult) -> Page:
     of_tensions = Picture(_bands(frames, tensions, sigma_tensions, names, "tension [N]"), "Tensions", _BAND)
     size = np.linalg.norm(force, axis=1)
     most = int(np.argmax(size))
-    largest = quantity(float(size[most]), "N")
     where = "at an unknown place" if unknown else f"at {quantity(frames[0].at, 'm')}"
     motion = replace(motion_of(sequence(result)), ellipsoids=tuple(map(_ellipsoid, frames)))
     panel = viewer.panel(motion)
@@ -144,7 +143,7 @@ def _page(result: EstimateResult) -> Page:
     typical = [float(np.median(x)) if x.size else 0.0 for x in sizes]
     return Page(
         title=f"Estimated states of {result.estimation.data.robot.name}",
-        verdict=f"The largest estimated force {where} is {largest}, at {frames[most].time:.4g} s.",
+        verdict=f"The largest estimated force {where} is {quantity(size[most], 'N')}, at {frames[most].time:.4g} s.",
         level="open" if result.interrupted else "part" if result.failed or result.contradiction else "good",
         sentences=tuple(_sentences(result)),
         cards=(

@@ -168,8 +168,7 @@ class Response(ObservedChange):
         if giving is not None and isinstance(linear.factorisation, BorderedFactors):
             linear = linear._replace(factorisation=linear.factorisation.giving_way(giving[winds]))
         solved = SolvedPoint.of(system, state, target, sticking=(sticks,), linearization=linear)
-        flexibility = solved.flexibility[0] / np.where(sticks, share, 1.0)
-        solved = replace(solved, flexibility=(flexibility,))
+        solved = replace(solved, flexibility=(solved.flexibility[0] / np.where(sticks, share, 1.0),))
         changes = solved.respond((_disturbance(solved.forces[0], state, loaded, explicit),))
         tendons, (positions, rotations) = changes.tendons[0], state.configuration.poses[0]
         in_sections = changes.unknowns[solved.numbering.robots[0].nodes].reshape(len(positions), 2, 3, -1)

@@ -55,8 +55,7 @@ def agreed(loads: Sequence[StateLoad], values: Point, run: Run, robot: Robot) ->
             best = Agreement(Action(action, start.rotation), change, state, missing[0])
         if missing[-1] < AGREED or len(missing) > len(start.values):
             return best
-        matrix = coupling(loads, values, state, response)
-        change = change + np.linalg.solve(matrix, gap.reshape(change.shape))
+        change = change + np.linalg.solve(coupling(loads, values, state, response), gap.reshape(change.shape))
 
 
 def through_state(loads: Sequence[StateLoad], values: Point, state: BayState, moved: Array) -> Array:

@@ -383,8 +383,7 @@ def _other_drives(problem: FitProblem, declared: Fit, grid: _Grid) -> tuple[floa
         changes.append((_Drive({}, displacements=-1.0), "displacements have the opposite sign"))
     if any(step.loads for step in declared_drive.steps):
         changes.append((_Drive({}, forces=-1.0), "forces at the tip have the opposite sign"))
-    model = replace(declared_drive.model, friction="none", elements_per_bay=1)
-    plain = replace(declared_drive, model=model)
+    plain = replace(declared_drive, model=replace(declared_drive.model, friction="none", elements_per_bay=1))
     free = [join_steps(plain), *(join_steps(_driven(plain, change)) for change, _ in changes)]
     runs = problem.run([Job(e) for e in free])
     here, *others = [problem.residual(e, run) for e, run in zip(free, runs, strict=True)]

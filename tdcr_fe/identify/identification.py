@@ -135,8 +135,7 @@ def _search(search: Search, state: SearchState, prepared: Prepared, schedule: Sc
             frictional = replace(prepared.frictional, deadline=end)
             timed = replace(search, deadline=schedule.friction)
             state = in_time(timed, state, partial(with_friction, frictional), Part.FRICTION)
-        problem = replace(prepared.problem, deadline=latest)
-        state = search.keep(fit_to_all_rows(whole, state, problem))
+        state = search.keep(fit_to_all_rows(whole, state, replace(prepared.problem, deadline=latest)))
     if not whole.explained(state):  # parameters of a model that leaves more than noise have no profiles
         return in_time(whole, state, _scattered, Part.SCATTER)
     if whole.out_of_time:

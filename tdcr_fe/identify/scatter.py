@@ -208,8 +208,7 @@ def _starts(
     residual = problem.residual(acted, run) - problem.shift(fit.effects, fit.values, run)
     if near is None:
         return [residual] * len(by)
-    own = near[problem.readings.step]
-    return [residual + np.einsum("nq,nq->n", x, own) for x in by]
+    return [residual + np.einsum("nq,nq->n", x, near[problem.readings.step]) for x in by]
 
 
 def _with_errors(experiment: Experiment, errors: Array) -> Experiment:

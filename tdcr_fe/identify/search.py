@@ -288,8 +288,7 @@ def fit_proposals(
                 race, predicted = races[one.proposal.named], one.proposal.score.start.predicted
                 if ahead is not None:
                     price = criteria.price_of(problem, one.fit)
-                    limit = criterion_of(problem, ahead) + criteria.BIC_DIFFERENCE - price
-                    race = replace(race, limit=limit)
+                    race = replace(race, limit=criterion_of(problem, ahead) + criteria.BIC_DIFFERENCE - price)
                     if not race.in_reach(one.cost, fitting.distance(problem, one.fit.residual, predicted)):
                         state = state.with_fit(replace(one.fit, pruned=True))
                         continue
@@ -533,8 +532,7 @@ def grow(search: Search, state: SearchState) -> SearchState:
         pool: list[Proposal] = []
         for propose, parent in tries:
             search.report(f"round {number}: candidates in addition to {parent.title}", progress)
-            tried = (frozenset(parent.names), propose.__name__)
-            state = replace(state, extended=state.extended | {tried})
+            state = replace(state, extended=state.extended | {(frozenset(parent.names), propose.__name__)})
             state, new = propose(search, state, parent)
             new = [x for x in new if len(x.names) <= most_effects]
             pool += new

@@ -206,8 +206,7 @@ def _reweighted(state: SearchState) -> SearchState:
 
 def _shifted(problem: FitProblem, fit: Fit, shift: Array) -> Fit:
     """A fit with its residual shifted, and its cost by the measures of a problem."""
-    moved = problem.with_residual(fit, fit.residual + shift)
-    return replace(moved, path_residual=fit.path_residual + shift)
+    return replace(problem.with_residual(fit, fit.residual + shift), path_residual=fit.path_residual + shift)
 
 
 def as_good(search: Search, state: SearchState) -> list[Fit]:

@@ -252,8 +252,7 @@ def correlations(result: IdentificationResult) -> list[tuple[str, str, str]]:
 def _aligned(*rows: Sequence[str]) -> list[str]:
     """Rows of cells as lines in which columns begin below each other."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    padded = (map(str.ljust, row, widths) for row in rows)
-    return ["    " + "  ".join(cells).rstrip() for cells in padded]
+    return ["    " + "  ".join(cells).rstrip() for cells in (map(str.ljust, row, widths) for row in rows)]
 
 
 def summary(result: IdentificationResult) -> str:

@@ -264,8 +264,7 @@ def library(bays: int, clock: Factor) -> list[Term]:
 
 def ranges(bays: int) -> list[tuple[int, int]]:
     """The first and last of all neighbouring bays, but for all together."""
-    every = combinations_with_replacement(range(bays), 2)
-    return [some for some in every if some != (0, bays - 1)]
+    return [some for some in combinations_with_replacement(range(bays), 2) if some != (0, bays - 1)]
 
 
 def _bays(first: int, last: int) -> str:
@@ -295,8 +294,7 @@ def tensions_of(names: Sequence[str]) -> Iterator[Factor]:
 
     choices = len(names)
     for i, n in enumerate(names if choices > 1 else ()):
-        value = partial(tension, number=i)
-        yield Factor(f"the tension of tendon {n}", "N", value, "tension", choices)
+        yield Factor(f"the tension of tendon {n}", "N", partial(tension, number=i), "tension", choices)
 
 
 def where(term: Term, edges: Array) -> str:

@@ -149,8 +149,7 @@ def _by_set(problem: FitProblem, declared: Fit, best: Fit) -> Iterator[SetErrors
     """Errors on every one of several data sets; none where there is one."""
     first, steps = 0, problem.readings.step
     for name, count in problem.data.parts:
-        own = (steps >= first) & (steps < first + count)
-        both = (_errors(problem, fit, own) for fit in (declared, best))
+        both = (_errors(problem, fit, (steps >= first) & (steps < first + count)) for fit in (declared, best))
         yield SetErrors(name, first + 1, first + count, *both)
         first += count
 

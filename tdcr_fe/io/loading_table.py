@@ -154,8 +154,7 @@ def read_loading(table: pd.DataFrame, robot: Robot, file: str) -> Loading:
             text = f"within the robot's length: at most {most:.4g} {unit}{lost}"
             own = Quantity(ge=-most, le=most, allowed=text) if drive.winds else tension
             further[f"{drive.name}_{tendon.name}"] = Annotated[float, own]
-    columns = Keys({"step": _STEP, **further}, {**dict.fromkeys(further), "branch": ""})
-    rows = _rows(table, columns, file)
+    rows = _rows(table, Keys({"step": _STEP, **further}, {**dict.fromkeys(further), "branch": ""}), file)
     steps = tuple(_load_step(row, robot) for row in rows)
     return Loading(tuple(row["step"] for row in rows), steps, tuple(row["branch"] for row in rows))
 

@@ -52,8 +52,7 @@ def _inputs(result: SequenceResult, step: StepResult) -> dict[str, Any]:
     if state is None:
         return {}
     loads = {name: asdict(x) for name, x in state.loads.items() if any(x.force) or any(x.moment)}
-    names = result.robot.tendon_names
-    driven = [n for n, driven in zip(names, state.by_displacement, strict=True) if driven]
+    driven = [n for n, driven in zip(result.robot.tendon_names, state.by_displacement, strict=True) if driven]
     return {**({"loads": loads} if loads else {}), **({"displacement_controlled": driven} if driven else {})}
 
 

@@ -118,8 +118,7 @@ def _build_disks(data: dict[str, Any] | None, length: float | None, reporter: Re
     values, bad = DISKS.read(data, "disks", reporter)
     given = {key: data[key] for key in ("count", "positions") if key in data}
     if len(given) != 1:
-        text = "must have exactly one of count and positions"
-        reporter("disks", shown(given) if given else "", text)
+        reporter("disks", shown(given) if given else "", "must have exactly one of count and positions")
     if bad or length is None or len(given) != 1:
         return None
     if (count := values.pop("count")) is not None:

@@ -127,8 +127,7 @@ class _Handler(BaseHTTPRequestHandler):
             )
         try:
             with self.server.solving:
-                answer = answer_to(json.loads(body), self.server.played)
-                text = json.dumps(step_data(answer), allow_nan=False)
+                text = json.dumps(step_data(answer_to(json.loads(body), self.server.played)), allow_nan=False)
         except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError, RecursionError) as error:
             return self._refuse(HTTPStatus.BAD_REQUEST, f"not a change of this robot: {error}")
         return self._send(text, "application/json")

@@ -130,8 +130,7 @@ class ObservedStep:
     @classmethod
     def of(cls, step: StepResult, names: tuple[str, ...], observation: Observation) -> ObservedStep:
         """A solved step of a robot with tendons of these names."""
-        distal = np.array([t[-1] for t in step.tensions])
-        tensions = step.displacements, step.base_tensions, distal
+        tensions = step.displacements, step.base_tensions, np.array([t[-1] for t in step.tensions])
         more = names, observation, step.curvature_rates
         return cls(step.s, step.positions, step.rotations, *tensions, *more)
 

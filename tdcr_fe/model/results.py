@@ -305,8 +305,7 @@ class SequenceResult:
             f"<tr><th {left}>{escape(name)}</th><td {left}>{escape(text)}</td></tr>"
             for name, text in _summary_rows(self)
         )
-        frame = self.to_frame()
-        table: str = frame.to_html(index=False, max_rows=MOST_STEPS, float_format="{:.6g}".format)
+        table: str = self.to_frame().to_html(index=False, max_rows=MOST_STEPS, float_format="{:.6g}".format)
         return f"<table>{rows}</table>\n{table}"
 
 

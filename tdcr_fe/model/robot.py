@@ -47,8 +47,7 @@ class Disks(Checked):
         """``count`` disks at equal distances, the last at the tip."""
         hint = "a whole number, and then the length [m]"
         check_instance("Disks.equally_spaced", "count", count, Integral, hint)
-        positions = tuple(float(x) for x in length * np.arange(1, count + 1) / count)
-        return cls(positions=positions, **rest)
+        return cls(positions=tuple(float(x) for x in length * np.arange(1, count + 1) / count), **rest)
 
 
 #: Bays of a robot without disks: stretches of equal length, for its mesh and for effects at one place.
@@ -165,8 +164,7 @@ class Robot(Checked):
 
     def holes(self, tendon: Tendon) -> Array:
         """The tendon's holes in their section frames, base plate first, anchor last [m], shape (n + 1, 2)."""
-        end = self.end(tendon)
-        return tendon.routing.position(self.hole_arc_lengths(tendon), end)
+        return tendon.routing.position(self.hole_arc_lengths(tendon), self.end(tendon))
 
     def hole_points(self, tendon: Tendon) -> Array:
         """The tendon's holes with their position along the tangent, zero in upright disks [m], shape (n + 1, 3)."""

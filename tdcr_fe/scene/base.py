@@ -89,5 +89,4 @@ def add_ground(mbs: exu.MainSystem, pose: BasePose, drawn: Sequence[Any], name: 
 def add_base_joint(mbs: exu.MainSystem, carrier: Any, base: Any, name: str) -> Any:
     """Join the base marker to the marker that carries it, in all six motions; return the joint."""
     fixed = {"constrainedAxes": [1] * 6, "visualization": eii.VObjectJointGeneric(show=False)}
-    joint = eii.GenericJoint(name=f"{name}.baseJoint", markerNumbers=[carrier, base], **fixed)
-    return mbs.AddObject(joint)
+    return mbs.AddObject(eii.GenericJoint(name=f"{name}.baseJoint", markerNumbers=[carrier, base], **fixed))

@@ -144,8 +144,7 @@ def CreateTDCR(
     base = parts.section_marker(mbs, nodes[0], f"{name}.mBase")
     carrier = baseMarker
     if on_ground:
-        below = [parts.base_plate(pose, robot.plate_radius), *graphicsDataList]
-        carrier = add_ground(mbs, pose, below, name)
+        carrier = add_ground(mbs, pose, [parts.base_plate(pose, robot.plate_radius), *graphicsDataList], name)
     joint = add_base_joint(mbs, carrier, base, name)
     holes, segments = parts.add_tendons(mbs, robot, mesh, [beams[0], *disks], name)
     damping = parts.add_material_damping(mbs, robot, mesh, nodes, name)

@@ -82,8 +82,7 @@ def test_a_new_experiment_is_read_without_a_faulty_row(tmp_path):
     tips = [r for r in data.readings if r.quantity.startswith("position") and r.location == 0.2]
     scaled = [(r.value - result.tips[r.step - 1, "xyz".index(r.quantity[-1])]) / r.sigma for r in tips]
     assert len(scaled) == 24 and 0.3 < np.mean(np.square(scaled)) < 2.0
-    notes = (folder / "NOTES.md").read_text()
-    assert all(f"`{c.quantity}` [{c.unit}]" in notes for c in CHANNELS)
+    assert all(f"`{c.quantity}` [{c.unit}]" in (folder / "NOTES.md").read_text() for c in CHANNELS)
 
 
 def test_a_new_sweep_is_read(tmp_path):

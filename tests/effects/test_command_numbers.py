@@ -52,8 +52,7 @@ def test_forms_are_for_tendons_and_with_several_folders_for_folders():
     ]  # fmt: skip
     assert kinds["each tendon, each later folder"] == [f"gain_t{k}_folder_2" for k in (1, 2, 3)]
     assert kinds["each folder"] == ["gain_folder_1", "gain_folder_2"]
-    one = replace(BOTH, robot=replace(BOTH.robot, tendons=BOTH.robot.tendons[:1]))
-    assert len(gain.forms(one)) == 3
+    assert len(gain.forms(replace(BOTH, robot=replace(BOTH.robot, tendons=BOTH.robot.tendons[:1])))) == 3
     for form in gain.forms(BOTH):
         assert form.apply(BOTH, form.null_values(BOTH)).steps == BOTH.steps
 

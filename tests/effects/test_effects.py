@@ -256,8 +256,7 @@ def test_misplaced_channels_are_other_routings(values, channels):
 
 def test_a_search_tries_misplaced_channels_on_bodies_without_disks_alone():
     soft = with_channels(*CHANNELS)
-    forms = effect("misplaced_channels").forms(soft)
-    assert [len(f.parameters) for f in forms] == [1, 4, 5, 6]
+    assert [len(f.parameters) for f in effect("misplaced_channels").forms(soft)] == [1, 4, 5, 6]
     disks = replace(soft.robot, disks=Disks.equally_spaced(6, 0.3, radius=9e-3))
     assert effect("misplaced_channels").forms(replace(soft, robot=disks)) == ()
 

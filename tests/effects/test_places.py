@@ -39,8 +39,7 @@ def test_a_kink_bends_the_unloaded_backbone_in_its_bay_only():
     bent = with_effect(Experiment(three(), Model(), ()), "kink", s=0.5 * (a + b), kappa_x=0.0, kappa_y=4.0)
     found = solve(bent.robot, [LoadStep()], friction="none").steps[0]
     assert found.bending_angle == pytest.approx(4.0 * (b - a), rel=1e-9)
-    before = found.positions[found.s <= a + 1e-9]
-    np.testing.assert_allclose(before[:, 0], 0.0, atol=1e-12)
+    np.testing.assert_allclose(found.positions[found.s <= a + 1e-9][:, 0], 0.0, atol=1e-12)
 
 
 def test_a_soft_bay_turns_more_by_its_factor_under_a_tip_moment():

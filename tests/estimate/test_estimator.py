@@ -64,8 +64,7 @@ def test_with_friction_in_the_model_the_force_is_found_and_without_it_is_not():
         inside[modelled] = np.mean(force < chi2.ppf(0.95, 3))
         assert not any(f.message for f in frames)
         if modelled:
-            shapes = np.array([f.result.positions for f in frames])
-            assert np.abs(shapes - truth.nodes).max() < 5e-3 * LENGTH
+            assert np.abs(np.array([f.result.positions for f in frames]) - truth.nodes).max() < 5e-3 * LENGTH
     assert errors[friction] < 0.7 * errors[0.0]
     assert inside[friction] > 0.9 > 0.5 > inside[0.0]
 
@@ -133,8 +132,7 @@ def test_noise_of_the_inputs_does_not_let_holes_reverse():
         readings = read(rng, truth.state.configuration.poses[0][0][-1])
         read_tensions = np.array([tension, 0.1, 0.1, 0.1]) + 0.01 * rng.standard_normal(4)
         step = tdcr.LoadStep(tensions=dict(zip(names, read_tensions.tolist(), strict=True)), time=k / RATE)
-        states = np.array(own.step(step, readings).result.hole_states[0][:-1])
-        wrong.append(np.mean(states == "release"))
+        wrong.append(np.mean(np.array(own.step(step, readings).result.hole_states[0][:-1]) == "release"))
     assert np.mean(wrong[5:]) < 0.05
 
 
@@ -263,8 +261,7 @@ def test_a_known_load_acts_besides():
     readings = read(np.random.default_rng(1), tip, sigma=1e-5)
     for known in (steps, []):
         own = estimator(load=tdcr.LoadPrior(), inputs=tdcr.InputPrior(sigma=1e-4), steps=known)
-        step = steps[0] if known else tdcr.LoadStep(tensions=steps[0].tensions, time=0.0)
-        found = own.step(step, readings)
+        found = own.step(steps[0] if known else tdcr.LoadStep(tensions=steps[0].tensions, time=0.0), readings)
         distance = np.abs(found.force) / np.sqrt(np.diagonal(found.force_covariance))
         assert distance.max() < 3.0 if known else distance[0] > 10.0
 
@@ -314,8 +311,7 @@ def test_the_tension_of_a_tendon_that_may_be_slack_is_a_normal_one_cut_off_at_ze
     prior = {"load": tdcr.LoadPrior(sigma=1e-6), "inputs": tdcr.InputPrior(sigma={"a": sigma, "b": 1e-6})}
     frame = estimator(robot=robot, **prior).step(step(mean, time=0.0))
     z = np.linspace(-6.0, 6.0, 121)
-    acting = mean + sigma * z
-    steps = [step(max(x, 0.0) if kind == "tensions" else x) for x in acting]
+    steps = [step(max(x, 0.0) if kind == "tensions" else x) for x in mean + sigma * z]
     tensions = [solved.base_tensions[0] for solved in tdcr.simulate(robot, model(), steps).steps]
     expected = np.sqrt(np.cov(tensions, aweights=np.exp(-0.5 * z**2), ddof=0))
     assert min(tensions) == 0.0 < expected

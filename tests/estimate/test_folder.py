@@ -148,13 +148,9 @@ def test_times_are_needed(folder, wrong, tmp_path, capsys):
     pd.read_csv(wrong / "loading.csv").drop(columns="time").to_csv(wrong / "loading.csv", index=False)
     (wrong / "estimate.toml").unlink()
     command = "estimate", wrong, "-o", tmp_path / "out"
-    assert "estimate.toml: no such file; must have at least 'inputs = {sigma = 0.01}'" in said(
-        capsys, 2, *command
-    )
+    assert "toml: no such file; must have at least 'inputs = {sigma = 0.01}'" in said(capsys, 2, *command)
     (line,) = said(capsys, 2, "estimate", wrong / "robot.toml", "-o", tmp_path / "out").splitlines()[1:]
-    assert line.endswith(
-        "robot.toml: is a file; must be a folder with robot.toml, loading.csv, observations.csv"
-    )
+    assert line.endswith("toml: is a file; must be a folder with robot.toml, loading.csv, observations.csv")
     shutil.copy(folder / "estimate.toml", wrong)
     needed = "time: estimation needs the time of every step [s]; it is missing in step 1"
     assert needed in said(capsys, 2, *command)

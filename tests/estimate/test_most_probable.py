@@ -63,8 +63,7 @@ def test_steps_without_a_solution_are_shortened():
             return None
         return at(10.0 * (0.9 - x), 10.0 * (1.0 - 0.6 * x[None]))
 
-    found = most_probable(solve, np.zeros(1), np.eye(1), np.zeros(1))
-    assert abs(found.point.residual[0]) < 1.0
+    assert abs(most_probable(solve, np.zeros(1), np.eye(1), np.zeros(1)).point.residual[0]) < 1.0
     assert most_probable(lambda x, near: None, np.zeros(1), np.eye(1), np.zeros(1)) is None
 
 

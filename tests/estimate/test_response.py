@@ -104,7 +104,6 @@ def test_a_hole_of_which_stick_or_slip_is_uncertain_is_a_line_and_what_it_misses
     slope, left = within_bounds(trial, spread, -1.0, 1.0)
     for mean, sigma, of_line, missed in zip(trial, spread, slope, left, strict=True):
         cut = (mean + sigma * z).clip(-1.0, 1.0)
-        expected = weight @ (cut * z) / sigma if sigma else 1.0
-        np.testing.assert_allclose(of_line, expected, atol=1e-5)
+        np.testing.assert_allclose(of_line, weight @ (cut * z) / sigma if sigma else 1.0, atol=1e-5)
         line = weight @ cut + of_line * sigma * z
         np.testing.assert_allclose(missed, np.sqrt(weight @ (cut - line) ** 2), atol=1e-5)

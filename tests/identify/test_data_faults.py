@@ -41,8 +41,7 @@ def check(data, words):
 
 def changed(data, change):
     """The data with readings replaced; those for which the change gives None are left out."""
-    found = [change(r) for r in data.readings]
-    return replace(data, readings=tuple(r for r in found if r is not None))
+    return replace(data, readings=tuple(r for r in [change(r) for r in data.readings] if r is not None))
 
 
 def exchange_axes(r):

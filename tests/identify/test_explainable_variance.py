@@ -58,14 +58,12 @@ def test_what_depends_on_inputs_direction_or_time_is_removed(cause):
 
 def test_the_held_out_readings_are_never_used():
     residual = by_step(40.0 * TENSION**2) + NOISE
-    other = np.where(HELD, 1e3, residual)
-    np.testing.assert_allclose(*predicted_residuals(PROBLEM, [residual, other]))
+    np.testing.assert_allclose(*predicted_residuals(PROBLEM, [residual, np.where(HELD, 1e3, residual)]))
 
 
 def test_noise_has_no_ceiling_below_itself():
     """The regression predicts next to nothing, and the ceiling is never above the final model's own error."""
-    predicted = predicted_residuals(PROBLEM, [NOISE])[0]
-    assert np.mean(predicted[HELD] ** 2) < 0.2
+    assert np.mean(predicted_residuals(PROBLEM, [NOISE])[0][HELD] ** 2) < 0.2
     least = held_out_ceiling(PROBLEM, fit(NOISE), fit(NOISE))
     assert 0.8 * np.mean(NOISE[HELD] ** 2) <= least.chi2_per_dof <= np.mean(NOISE[HELD] ** 2)
 

@@ -30,8 +30,7 @@ from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
 def test_steps_held_out_are_whole_branches():
     data = measured()
     held = choose_held_out(data)
-    parts = [set(b) for b in blocks(data)]
-    assert held and all(b <= set(held) or not b & set(held) for b in parts)
+    assert held and all(b <= set(held) or not b & set(held) for b in [set(b) for b in blocks(data)])
     assert 0.1 < len(held) / len(data.steps) < 0.5
     assert choose_held_out(replace(data, branches=("load",) * 5 + ("unload",) * 6)) == (5, 6, 7, 8, 9, 10)
 

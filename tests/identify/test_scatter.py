@@ -158,8 +158,7 @@ def test_large_errors_of_a_few_steps_are_found_there_and_are_no_noise_of_the_inp
 
 def test_declared_errors_of_the_inputs_make_their_scatter_noise():
     """Without them the same data are no noise; the residual then has a variance of one, step by step."""
-    own = 0.02 * np.random.default_rng(4).normal(size=(len(PULLS), 2))
-    scattered = data(1.0, own)
+    scattered = data(1.0, 0.02 * np.random.default_rng(4).normal(size=(len(PULLS), 2)))
     declared = replace(scattered, input_sigma=(0.02, 0.02))
     for measured, noise in ((scattered, False), (declared, True)):
         state = begun(measured)

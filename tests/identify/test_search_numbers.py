@@ -42,9 +42,7 @@ def judged(state, best):
     return list(added_effects(searching(), replace(state, best=best), np.zeros(0), True))
 
 
-@pytest.mark.parametrize(
-    ("probability", "named", "off"), [(0.85, False, 0.5), (0.95, True, 0.5), (0.5, False, 0.0)]
-)
+@pytest.mark.parametrize("probability, named, off", [(0.85, False, 0.5), (0.95, True, 0.5), (0.5, False, 0)])
 def test_a_name_needs_a_probability_of_nine_tenths(begun, probability, named, off):
     """A gain was named in data that any stiffness explained as well, which predicted the same."""
     state, best = added(begun, ["marker_offset"], 50.0)
@@ -165,8 +163,7 @@ def opposed_search(data):
 
 
 def leaves_noise(state, fit):
-    count = np.count_nonzero(state.problem.held_out)
-    return fit.held_cost < 1.3 * count < 0.1 * state.declared.held_cost
+    return fit.held_cost < 1.3 * np.count_nonzero(state.problem.held_out) < 0.1 * state.declared.held_cost
 
 
 @pytest.mark.integration
@@ -186,8 +183,7 @@ def test_stretch_and_pretension_are_found_together(opposed):
 @pytest.mark.parametrize("declared", [None, 20_000.0])
 def test_search_finds_stretch_and_pretension(opposed, declared):
     """Beside tendons that are declared stiff, pretension hardly acts either: a clearance was found in its place."""
-    robot = opposed.robot.with_tendons(axial_stiffness=declared)
-    state, pair = opposed_search(replace(opposed, robot=robot))
+    state, pair = opposed_search(replace(opposed, robot=opposed.robot.with_tendons(axial_stiffness=declared)))
     state = grow(searching(candidates=3), state)
     assert {e.listed for e in state.best.effects} >= pair
     assert leaves_noise(state, state.best)

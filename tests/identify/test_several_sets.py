@@ -150,8 +150,7 @@ def test_a_gain_of_the_second_folder_is_fitted_beside_a_shared_effect():
     """Tendons tied anew between two series: 1.06 and 0.96 times the commands, in the second one only."""
     first = replace(measured(GRAVITY), name="A")
     again = {"actuator_gain": {"gain_t1": 1.06, "gain_t2": 0.96}}
-    joined = join_measured([first, replace(measured({**GRAVITY, **again}, seed=5), name="B")])
-    problem = problem_of(joined)
+    problem = problem_of(join_measured([first, replace(measured({**GRAVITY, **again}, seed=5), name="B")]))
     forms = {f.name: f for f in effect("actuator_gain").forms(problem.experiment)}
     gain = forms["actuator_gain (each tendon, each later folder)"]
     start = {**GRAVITY, gain.name: gain.null_values(problem.experiment)}

@@ -49,8 +49,7 @@ def test_quaternion_is_a_unit_one_of_the_section_with_qw_not_negative(rotvec):
 
 
 def test_quaternions_run_on_at_half_a_turn():
-    turns = Rotation.from_rotvec(np.outer([0.9 * np.pi, np.pi, np.pi], [1.0, 0.0, 0.0]))
-    q = quaternions(turns.as_matrix())
+    q = quaternions(Rotation.from_rotvec(np.outer([0.9 * np.pi, np.pi, np.pi], [1.0, 0.0, 0.0])).as_matrix())
     assert np.all(q[:, 1] > 0.9) and np.all(q[:, 0] >= 0.0)
 
 
@@ -110,12 +109,10 @@ def test_vtk_files_have_points_cells_and_values_of_every_load_step(tmp_path):
     of_cells, of_points = arrays(piece.find("CellData")), arrays(piece.find("PointData"))
     sizes = [len(cells[kind]["offsets"]) for kind in cells]
     assert sizes == [2 * 13 + 2, 1 + 2 * 13, 13]
-    counts = [int(piece.get(f"NumberOf{kind}")) for kind in (*cells, "Points")]
-    assert counts == [*sizes, len(points)]
+    assert [int(piece.get(f"NumberOf{kind}")) for kind in (*cells, "Points")] == [*sizes, len(points)]
     assert all(len(x) == sum(sizes) for x in of_cells.values())
     assert all(len(x) == len(points) for x in of_points.values())
-    used = np.concatenate([x["connectivity"] for x in cells.values()])
-    assert np.array_equal(used, np.arange(len(points)))
+    assert np.array_equal(np.concatenate([x["connectivity"] for x in cells.values()]), np.arange(len(points)))
 
     line = cells["Lines"]["connectivity"][: cells["Lines"]["offsets"][0]]
     assert points[line] == pytest.approx(step.positions, abs=1e-8)

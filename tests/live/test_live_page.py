@@ -34,8 +34,7 @@ def tip(page: Browser) -> list[float]:
 
 
 def errors(page: Browser, served: tdcr.LiveRobot) -> list[str]:
-    own = served.url.split("?")[0]
-    return [e for e in page.errors() if not e.startswith(own)]
+    return [e for e in page.errors() if not e.startswith(served.url.split("?")[0])]
 
 
 @in_chromium

@@ -185,8 +185,7 @@ def test_warnings_reach_the_caller_in_python():
     assert [str(w.message) for w in found] == list(result.warnings) and len(found) == 1
     assert found[0].filename == __file__
     with pytest.warns(PlausibilityWarning, match="friction_coefficient") as found:
-        mbs = exu.SystemContainer().AddSystem()
-        tdcr_fe.CreateTDCR(mbs, robot, Model())
+        tdcr_fe.CreateTDCR(exu.SystemContainer().AddSystem(), robot, Model())
     assert len(found) == 1 and found[0].filename == __file__
     with pytest.warns(TDCRWarning, match="the mesh is too coarse") as found:
         settings = tdcr_fe.SolverSettings(mesh_tolerance=1e-9)
@@ -198,8 +197,7 @@ def test_warnings_go_where_a_program_wants_them():
     texts = []
     with warnings_to(lambda text, category: texts.append(text)), warnings.catch_warnings():
         warnings.simplefilter("error")
-        mbs = exu.SystemContainer().AddSystem()
-        tdcr_fe.CreateTDCR(mbs, wire(friction_coefficient=1.5), Model())
+        tdcr_fe.CreateTDCR(exu.SystemContainer().AddSystem(), wire(friction_coefficient=1.5), Model())
     assert len(texts) == 1 and texts[0].startswith("tendons[0].friction_coefficient = 1.5")
 
 

@@ -53,8 +53,7 @@ def test_holes_are_where_the_angle_in_degrees_and_the_offset_say(routing, expect
 
 def test_what_a_step_does_not_name_stays_as_it_was():
     """Inputs of the other tendon, how it is driven, loads and time."""
-    tendons = (Tendon(n, routings.ParallelRouting(4e-3, x)) for n, x in (("a", 0.0), ("b", 180.0)))
-    robot = robot_with(*tendons)
+    robot = robot_with(*(Tendon(n, routings.ParallelRouting(4e-3, x)) for n, x in (("a", 0.0), ("b", 180.0))))
     push, couple = Load(0.2, (0.0, 0.05, 0.0)), Load(0.1, moment=(1e-3, 0.0, 0.0))
     pushed = LoadStep(tensions={"a": 1.5}, loads={"push": push}, time=2.0)
     bent = LoadStep(tensions={"a": 0.5}, loads={"couple": couple})

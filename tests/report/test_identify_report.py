@@ -133,9 +133,7 @@ def test_long_labels_of_axes_are_wrapped_and_keep_apart():
     """They ran into each other below three pictures in a row."""
     values = dict.fromkeys(("moment_x_per_tension", "moment_y_per_tension", "twist"), (0.1, 0.01, "N"))
     found = added("side_load (tendon = t1, from = 0.125, until = 0.25)", **values)
-    profiles = tuple(
-        Profile(f"{found.name}.{n}", np.array([0.0, 0.1]), np.array([-1.0, 0.0])) for n in values
-    )
+    profiles = tuple(Profile(f"{found.name}.{n}", np.array([0.0, 0.1]), np.array([-1.0, 0])) for n in values)
     figure = figures.parameters(result(found, parameters=Parameters((), np.eye(0), profiles)))
     figure.draw_without_rendering()
     boxes = [ax.xaxis.label.get_window_extent() for ax in figure.axes]
@@ -163,8 +161,7 @@ def test_readings_without_positions_are_drawn_over_the_steps():
         residuals=Residuals(tenth, 0.1 * tenth, 0.1 * tenth),
         before=Errors(misfit, misfit), after=Errors(misfit, misfit),
     )  # fmt: skip
-    text = plain(render(found))
-    assert "rms error of the angles is 1.15 deg; the noise alone gives 0.573 deg" in text
+    assert "rms error of the angles is 1.15 deg; the noise alone gives 0.573 deg" in plain(render(found))
 
 
 #: Verdicts whose line names no effect.

@@ -51,8 +51,7 @@ def test_plain_numbers():
 
 
 def page(**rest):
-    fields = {"title": "A report", "verdict": "All <b> hold.", "level": "good"}
-    return Page(**{**fields, **rest})
+    return Page(**{"title": "A report", "verdict": "All <b> hold.", "level": "good", **rest})
 
 
 def test_a_page_needs_no_other_file_and_escapes_text():

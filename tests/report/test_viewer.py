@@ -30,8 +30,7 @@ def page_data(html: str) -> dict:
 def restored(stored: dict) -> np.ndarray:
     """The array that `quantised` has stored."""
     levels = np.frombuffer(base64.b64decode(stored["data"]), dtype="<u2").reshape(stored["shape"])
-    values = np.array(stored["low"]) + levels * np.array(stored["step"])
-    return np.where(levels > LEVELS, np.nan, values)
+    return np.where(levels > LEVELS, np.nan, np.array(stored["low"]) + levels * np.array(stored["step"]))
 
 
 TWIST = Load(0.1, moment=(0.0, 0.0, 1e-3), frame="section")
@@ -98,8 +97,7 @@ def test_a_folder_gives_the_same_motion_as_the_result(tmp_path):
 def test_disks_between_nodes_and_the_line_drawn_lie_on_the_curve_of_constant_strain():
     robot = paper_robot()
     off = replace(robot, disks=replace(robot.disks, positions=(0.03, 0.11, 0.25)))
-    step = arc_step(off, 1, 1.2, 0.7, np.array([1.0]))
-    motion = motion_of(SequenceResult(off, Model(), (step,)))
+    motion = motion_of(SequenceResult(off, Model(), (arc_step(off, 1, 1.2, 0.7, np.array([1.0])),)))
     assert motion.s[motion.disks] == pytest.approx([0.03, 0.11, 0.25])
     even, radius = np.linspace(0.0, 0.25, CURVE_POINTS), 0.25 / 1.2
     for s, points in ((motion.s, motion.positions[0]), (even, motion.curve(0))):
@@ -114,8 +112,7 @@ def test_long_results_are_thinned_first_and_last_step_and_every_disk_kept():
     assert (motion.steps[0], motion.steps[-1]) == (1, 300)
     assert motion.s[motion.disks] == pytest.approx(full.s[full.disks])
     at = [int(np.flatnonzero(full.s == s)[0]) for s in motion.s]
-    kept = [k - 1 for k in motion.steps]
-    assert np.array_equal(motion.positions, full.positions[np.ix_(kept, at)])
+    assert np.array_equal(motion.positions, full.positions[np.ix_([k - 1 for k in motion.steps], at)])
     assert page_data(view_page(full))["stepsInAll"] == 300
 
 

@@ -59,8 +59,7 @@ def test_a_robot_on_a_body_in_free_flight_moves_with_it():
     position, rotation = handle.shape()
     expected = handle.arc_lengths[:, None] * [0, 0, 1] + end * np.array(velocity)
     assert position == pytest.approx(expected, abs=1e-9)
-    turned = Rotation.from_rotvec(end * np.array(spin)).as_matrix()
-    assert np.abs(rotation - turned).max() < 1e-6
+    assert np.abs(rotation - Rotation.from_rotvec(end * np.array(spin)).as_matrix()).max() < 1e-6
 
 
 def test_a_robot_whose_body_begins_displaced_is_refused_in_dynamics_until_it_is_solved():
@@ -186,8 +185,7 @@ def test_a_robot_whose_base_joint_is_switched_off_is_refused_unless_something_el
     expected = solved(*scene(seven(0.3))[1:])
     ground = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=mbs.CreateGround()))
     stiffness = {"stiffness": np.diag([1e6] * 3 + [1e3] * 3), "damping": np.zeros((6, 6))}
-    held = eii.RigidBodySpringDamper(markerNumbers=[ground, handle.mBase], **stiffness)
-    spring = mbs.AddObject(held)
+    spring = mbs.AddObject(eii.RigidBodySpringDamper(markerNumbers=[ground, handle.mBase], **stiffness))
     mbs.SetObjectParameter(handle.oBaseJoint, "activeConnector", False)
     mbs.Assemble()
     assert distance(solved(mbs, handle), expected) < 1e-9

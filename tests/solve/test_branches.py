@@ -54,8 +54,7 @@ def continuous_from_rest(*steps: LoadStep) -> bool:
     rest = simulation.state
     for target in targets:
         simulation.advance(target)
-    ramp = Ramp.of(simulation.system, rest, 0.0)
-    solver = SubstepSolver(simulation.system, ramp, SolverSettings())
+    solver = SubstepSolver(simulation.system, Ramp.of(simulation.system, rest, 0.0), SolverSettings())
     return is_continuous(solver, (0.0, rest), (1.0, simulation.state))
 
 

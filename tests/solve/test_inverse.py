@@ -78,8 +78,7 @@ def test_the_loading_sequence_solved_again_ends_where_the_path_did(drive_by):
     # Linearisations kept from the step before make a difference far below the tolerance.
     assert np.abs(again.tips - found.simulation.tips).max() <= 0.1 * FINE
     assert np.abs(again.tips[1:] - np.array([x.result.tip for x in found.targets])).max() <= 0.1 * FINE
-    errors = np.linalg.norm(again.tips[1:] - path, axis=1)
-    assert found.errors == pytest.approx(errors, abs=0.1 * FINE)
+    assert found.errors == pytest.approx(np.linalg.norm(again.tips[1:] - path, axis=1), abs=0.1 * FINE)
     # The last target is where the first one is, but the friction has another history.
     assert np.abs(found.tensions[2] - found.tensions[0]).max() > 1e-3
 
@@ -107,14 +106,12 @@ def test_no_neighbouring_tensions_reach_the_target_with_less_effort():
     (tip,) = random_tips(robot, model, 1, seed=7)
     found = reach(robot, model, tip, LIMITS)
     assert found.reached
-    result = simulate(robot, model, [found.step], responses=True)
-    jacobian = result.steps[-1].responses[0].by_tension[:3]
+    jacobian = simulate(robot, model, [found.step], responses=True).steps[-1].responses[0].by_tension[:3]
     free = np.flatnonzero((found.tensions > 0.1 + 1e-6) & (found.tensions < 2.5 - 1e-6))
     multiplier = np.linalg.lstsq(jacobian[:, free].T, found.tensions[free], rcond=None)[0]
     gradient = found.tensions - jacobian.T @ multiplier
     assert np.abs(gradient[free]).max() < 0.05 * np.abs(found.tensions).max()
-    at_lower = found.tensions <= 0.1 + 1e-6
-    assert (gradient[at_lower] >= -0.05 * np.abs(found.tensions).max()).all()
+    assert (gradient[found.tensions <= 0.1 + 1e-6] >= -0.05 * np.abs(found.tensions).max()).all()
 
 
 @pytest.mark.integration
@@ -130,8 +127,7 @@ def test_out_of_reach_ends_at_the_nearest_point_and_says_so():
     target = np.array([0.12, 0.05, 0.15])
     found = reach(robot, model, target, LIMITS)
     assert found.status is ReachStatus.OUT_OF_REACH and found.possible_gain <= 1e-4
-    others = np.linalg.norm(random_tips(robot, model, 60, seed=2) - target, axis=1)
-    assert found.error < others.min()
+    assert found.error < np.linalg.norm(random_tips(robot, model, 60, seed=2) - target, axis=1).min()
 
 
 @pytest.mark.integration

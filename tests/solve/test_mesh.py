@@ -115,8 +115,7 @@ def test_a_bay_under_a_known_force_has_the_fraction_of_eulers_load() -> None:
     """A straight column between two disks under an axial force N: N a^2 / (pi^2 EI)."""
     backbone = replace(BACKBONE, length=0.02)
     robot = Robot(backbone, Disks((0.02,)), ())
-    force = 0.3 * np.pi**2 * backbone.EI / 0.02**2
-    step = LoadStep("", loads={"tip": Load(0.02, (0.0, 0.0, -force))})
+    step = LoadStep("", loads={"tip": Load(0.02, (0.0, 0.0, -0.3 * np.pi**2 * backbone.EI / 0.02**2))})
     result = simulate(robot, Model(friction="none"), [step])
     assert result.steps[0].buckling_load_fraction == pytest.approx(0.3, rel=1e-3)
 

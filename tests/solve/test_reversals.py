@@ -297,8 +297,7 @@ def test_the_solution_meets_all_conditions_which_only_one_does(k, seed, skewness
     a, b = rng.normal(size=(k, k)), rng.normal(size=(k, k))
     matrix = a @ a.T + 0.05 * np.eye(k) + skewness * (b - b.T)
     right = matrix @ rng.normal(size=k) * rng.choice([0.1, 1.0, 10.0])
-    guess = np.clip(rng.choice([-1.0, 0.0, 0.4, 1.0], size=k), *bounds)
-    s, solved = solve_box(matrix, right, guess, *bounds)
+    s, solved = solve_box(matrix, right, np.clip(rng.choice([-1.0, 0.0, 0.4, 1.0], size=k), *bounds), *bounds)
     left, (low, high) = right - matrix @ s, bounds
     assert solved and np.all(low <= s) and np.all(s <= high)
     assert np.all(left[s < high] < 1e-8) and np.all(left[s > low] > -1e-8)

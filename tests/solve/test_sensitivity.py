@@ -217,8 +217,7 @@ def test_backlash_is_lost_displacement() -> None:
     """By the derivative of every commanded displacement, with the sign of the travel that was lost."""
     declared = EXPERIMENTS["displacements"]
     values = {"actuator_backlash": {"backlash": 2e-4}}
-    chosen = effect_parameter(declared, "actuator_backlash", "backlash", values)
-    check(with_effects(declared, values), chosen)
+    check(with_effects(declared, values), effect_parameter(declared, "actuator_backlash", "backlash", values))
 
 
 @pytest.mark.parametrize("effect", ["friction_coefficient.mu", "hole_adhesion.drop"])

@@ -37,8 +37,7 @@ def test_forces_and_tangent_of_tendons_are_those_of_exudyns_connectors(per_bay):
         for spring, tension in zip(springs, carried, strict=False):
             mbs.SetObjectParameter(spring, "force", float(tension))
             mbs.SetObjectParameter(spring, "activeConnector", True)
-    raw = StaticKernel(mbs, system.hooks).residual()
-    wrenches = system.layout.reduction.residual(raw, frames)
+    wrenches = system.layout.reduction.residual(StaticKernel(mbs, system.hooks).residual(), frames)
     assert residual.unbalanced[6:] == pytest.approx(wrenches[6:], abs=1e-9 * np.abs(wrenches).max())
     exudyns = system.scene_tangent(residual)
     residual.forces[0].add_coupling(exudyns)

@@ -92,8 +92,8 @@ def test_a_value_that_is_wrong_only_alone_is_no_mistake(tmp_path):
     text += '[[vary]]\nkey = "disks.radius"\nvalues = [5e-3, 10e-3]\n'
     result = tdcr.sweep(write_files(tmp_path, text), executor=InProcess())
     assert result.counts == {"converged": 2}
-    grid = text.replace(LIST, "")  # the first case with 9 mm is invalid, the second is not
-    result = tdcr.sweep(write_files(tmp_path, grid), executor=InProcess())
+    # The first case with 9 mm is invalid, the second is not.
+    result = tdcr.sweep(write_files(tmp_path, text.replace(LIST, "")), executor=InProcess())
     assert result.cases["status"].tolist() == ["converged", "converged", "invalid", "converged"]
 
 

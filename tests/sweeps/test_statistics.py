@@ -62,8 +62,7 @@ def test_what_the_solver_does_not_resolve_is_left_out_and_pictures_of_six_result
     table = pd.DataFrame(np.random.default_rng(1).random((40, len(ABOUT_CASE) + 10)))
     table.columns = [*ABOUT_CASE, *(v.key for v in varied), *names]
     table["bending_angle_deg"] *= 1e-7
-    sweep = Sweep(None, varied, Sampling("saltelli", 8), Output("all", tuple(names)))
-    result = SweepResult(sweep, table)
+    result = SweepResult(Sweep(None, varied, Sampling("saltelli", 8), Output("all", tuple(names))), table)
     assert list(result.statistics()) == names[1:]
     figure = sobol(result)
     figure.draw_without_rendering()

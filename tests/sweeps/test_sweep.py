@@ -20,9 +20,7 @@ def table(folder):
 
 
 def test_every_row_is_the_result_of_its_scenario(tmp_path):
-    path = write_files(tmp_path)
-    result = tdcr.sweep(path, executor=InProcess())
-    cases = result.cases
+    cases = tdcr.sweep(write_files(tmp_path), executor=InProcess()).cases
     assert cases["case"].tolist() == [1, 2, 3, 4, 5, 6]
     assert cases["steps[0].tensions.t1"].tolist() == [0.5, 0.5, 1.0, 1.0, 1.5, 1.5]
     assert cases["backbone.youngs_modulus"].tolist() == [1.0, 1.2] * 3
@@ -94,8 +92,7 @@ def test_a_case_that_fails_keeps_its_reason_and_does_not_stop_the_others(tmp_pat
     assert "step 1" in reasons[4]
     assert np.isfinite(result.cases["tip_x"][:3]).all() and result.cases["tip_x"][3:].isna().all()
     assert sum(m.count for m in result.failures["not converged"]) == 3
-    again = tdcr.sweep(path, tmp_path / "out", executor=InProcess(), retry=True, report=False)
-    assert again.solved_now == 5
+    assert tdcr.sweep(path, tmp_path / "out", executor=InProcess(), retry=True, report=False).solved_now == 5
     recalled = tdcr.sweep(path, tmp_path / "out", executor=InProcess(), report=False)
     assert recalled.solved_now == 0
     assert recalled.failures == result.failures  # not counted twice, from two lines of the journal

@@ -123,8 +123,7 @@ def test_an_effect_at_its_place_is_right_by_kind_bay_and_tendon(made):
     middles = (0.5 * (edges[1:] + edges[:-1])).tolist()
 
     def marked(name, at, hidden, verdict="explained"):
-        recipe = replace(answer.recipe, effects=tuple(hidden))
-        secret = replace(answer, recipe=recipe, effects=hidden)
+        secret = replace(answer, recipe=replace(answer.recipe, effects=tuple(hidden)), effects=hidden)
         return outcome(made, verdict, ((name, ()),) if name else (), answer=secret, at=at).outcome
 
     kink = {"kink": {"s": middles[3], "kappa_x": 2.0}}
@@ -185,8 +184,7 @@ def test_a_blind_set_differs_from_the_declared_robot_above_the_noise(name):
     made = make_unlisted(next(r for r in RECIPES if r.name == name), 9000)
     assert LEAST_OFF <= made.declared_off <= MOST_OFF
     noise = [r.value - x for r, x in zip(made.data.readings, made.exact, strict=True)]
-    sigma = [r.sigma for r in made.data.readings]
-    assert np.std(np.array(noise) / sigma) == pytest.approx(1.0, abs=0.1)
+    assert np.std(np.array(noise) / [r.sigma for r in made.data.readings]) == pytest.approx(1.0, abs=0.1)
     assert made.data.steps[-1].time is None
 
 

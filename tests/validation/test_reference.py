@@ -96,8 +96,7 @@ def test_default_settings_err_by_less_than_1e_minus_8_of_the_length():
 
 @pytest.mark.parametrize(("tension", "angle"), [(0.5, 19.02837), (1.0, 38.39846), (2.5, 98.5664)])
 def test_planar_integration_of_the_papers_robot(tension, angle):
-    step = run(routed(), pull(tension)).steps[0]
-    assert np.degrees(step.bending_angle) == pytest.approx(angle, abs=6e-5)
+    assert np.degrees(run(routed(), pull(tension)).steps[0].bending_angle) == pytest.approx(angle, abs=6e-5)
 
 
 def test_friction_of_the_papers_robot():
