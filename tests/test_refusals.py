@@ -132,7 +132,7 @@ SOLVES = [
     (lambda: tdcr.TipTarget((0.0, 0.0, 0.2), (0.0, 0.0, 0.0)), "must not be zero"),
     (lambda: LoadPrior(sigma=0.0), "sigma = 0"),
     (lambda: estimator(load=LoadPrior(at=0.3)), "at most the length"),
-    (lambda: estimator(inputs=InputPrior(sigma={"t1": 0.1})), "tendon t2 is missing; tendon t3 is missing; the robot has t1, t2, t3"),
+    (lambda: estimator(inputs=InputPrior(sigma={"t1": 0.1})), "t2 is missing; tendon t3 is missing; the robot has t1"),
     (lambda: estimator().step(LoadStep(), ()), "time = None: must be given"),
     (lambda: reads("position_x", 0.25, 0.0), "deviation above zero"),
     # A place in mm was taken for the tip; another tendon was "not in tuple".

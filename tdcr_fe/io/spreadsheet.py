@@ -38,12 +38,12 @@ def read_table(path: StrPath) -> pd.DataFrame:
     text = _text(path)
     header = next((line for line in text.splitlines() if line.strip() and not line.startswith("# ")), "")
     delimiter = next((mark for mark in ";\t" if mark in header), ",")
-    rows, line = {}, 1
+    rows, line = dict[int, list[str]](), 1
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
     try:
         for row in reader:
             cells = [cell.strip() for cell in row]
-            comment = bool(cells) and cells[0].startswith("# ") and (rows or not any(cells[1:]))
+            comment = bool(cells) and cells[0].startswith("# ") and (bool(rows) or not any(cells[1:]))
             if any(cells) and not comment:
                 rows[line] = cells
             line = reader.line_num + 1

@@ -74,8 +74,8 @@ def panels(figure: Figure) -> list[tuple[str, float]]:
             handles: Any = legend.legend_handles
             figure.legend(handles, [t.get_text() for t in legend.get_texts()], ncols=2)
     parts = [*columns.values(), *([legend] for legend in figure.legends)]
-    widest = max((ax.yaxis.get_tightbbox().width / figure.dpi for ax in first.values()), default=0.0)
-    more = len(columns) * widest - 0.4 * figure.get_figwidth()  # labels beside each column must leave it room
+    boxes = [box.width / figure.dpi for ax in first.values() if (box := ax.yaxis.get_tightbbox())]
+    more = len(columns) * max(boxes, default=0.0) - 0.4 * figure.get_figwidth()  # labels must leave room
     figure.set_figwidth(figure.get_figwidth() + max(more, 0.0))
     with styled():
         figure.draw_without_rendering()
