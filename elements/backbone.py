@@ -62,7 +62,7 @@ class BackboneMesh:
     # (N-1,): Change of the radius with arc length, over that in the middle of every element [1/m]
     taper: Array
 
-    @property
+    @cached_property
     def lengths(self) -> Array:
         """Lengths of the elements [m], shape (N-1,)."""
         return np.diff(self.arc_lengths)

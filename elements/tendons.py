@@ -10,7 +10,7 @@ import numpy as np
 
 from tdcr_fe.elements import Array, Flags
 from tdcr_fe.elements.backbone import NodeStiffness
-from tdcr_fe.elements.poses import EYE9, ONES3, skew
+from tdcr_fe.elements.poses import EYE9, ONES3, cross, skew
 
 #: ``p @ _TURNED`` is, row by row, ``(p + p^T) / 2 - tr(p) 1``.
 _TURNED = 0.5 * (np.eye(9) + np.eye(9)[np.arange(9).reshape(3, 3).T.ravel()]) - np.outer(EYE9, EYE9)
@@ -99,14 +99,16 @@ class CableLines:
 
     frames: Array  # (n+1, 3, 3): Rotations of the nodes that carry the holes
     offsets: Array  # (m, n+1, 3): Of the holes, in the frames of their nodes [m]
-    # (m, n+1, 6, 3): From a force on a hole, in its node's frame, to the wrench on the node
-    lever: Array
     between: Segments  # From hole to hole; segment or hole first
 
     @cached_property
     def maps(self) -> Array:
         """From a force on a hole, in world axes, to the wrench on its node in its own frame, (m, n+1, 6, 3)."""
-        return np.asarray(self.lever @ self.frames.swapaxes(-1, -2))
+        turned = self.frames.swapaxes(-1, -2)
+        maps: Array = np.empty((*self.offsets.shape[:2], 6, 3))
+        maps[..., :3, :] = turned
+        np.matmul(skew(self.offsets), turned, out=maps[..., 3:, :])
+        return maps
 
     def softening(self, change: Array) -> Array:
         """Pull on the nodes of changes of the tensions, of shape (m, n, W): shape (n+1, 6, W)."""
@@ -126,10 +128,14 @@ class CableLines:
         force[:, 1:] -= along
         return force
 
+    def wrenches_of_each(self, tension: Array) -> Array:
+        """As `wrenches`, of many tendons, each by itself: shape (m, n+1, 6)."""
+        local = (self.pulls(tension).swapaxes(0, 1) @ self.frames).swapaxes(0, 1)
+        return np.concatenate((local, cross(self.offsets, local)), axis=-1)
+
     def wrenches(self, tension: Array) -> Array:
         """Wrench ``[f, m]`` of tensions (m, n) on every node with holes, in its own frame [N, N m], shape (n+1, 6)."""
-        each = self.maps @ self.pulls(tension)[..., None]
-        return np.asarray((each.sum(axis=0) if len(each) != 1 else each[0])[..., 0])
+        return np.asarray(self.wrenches_of_each(tension).sum(axis=0))
 
     @cached_property
     def segments(self) -> Array:
@@ -197,11 +203,11 @@ class CableGeometry:
     def __init__(self, offsets: Array, mask: Flags, clearance: Array | None = None) -> None:
         self.nominal = offsets
         self.clearance = np.zeros(len(mask)) if clearance is None else clearance
+        self._loose = np.flatnonzero(self.clearance > 0.0)
         #: Whether any tendon can shift in its holes.
-        self.shifts = bool(np.any(self.clearance > 0.0))
+        self.shifts = self._loose.size > 0
         self.mask = mask
         self._exists = mask.T.astype(float)
-        self._lever = _levers(offsets)
 
     def shifted(self, positions: Array, rotations: Array) -> Array:
         """Where the tendons lie in oversized holes, shifted sideways in the direction of their pull [m].
@@ -219,22 +225,23 @@ class CableGeometry:
         -------
         ndarray, shape (..., m, n+1, 3)
         """
-        nodes = np.minimum(np.arange(self.mask.shape[1] + 1), self.mask.sum(axis=1)[:, None])
+        mask, nominal = self.mask[self._loose], self.nominal[self._loose]
+        nodes = np.minimum(np.arange(mask.shape[1] + 1), mask.sum(axis=1)[:, None])
         frames = rotations[..., nodes, :, :]
-        middle = positions[..., nodes, :] + (frames @ self.nominal[..., None])[..., 0]
+        middle = positions[..., nodes, :] + (frames @ nominal[..., None])[..., 0]
         d = np.diff(middle, axis=-2)
         length = np.linalg.norm(d, axis=-1, keepdims=True)
         d = d / np.where(length > 0.0, length, 1.0)
-        pull = np.zeros_like(middle)
-        pull[..., :-1, :] += d
-        pull[..., 1:, :] -= d
+        pull = np.diff(d, axis=-2, prepend=0.0, append=0.0)
         local = (pull[..., None, :] @ frames)[..., 0, :]
         local[..., 0] = 0.0
         size = np.sqrt(np.einsum("...i,...i->...", local, local) + self.CLEARANCE_ANGLE**2)
         inner = np.ones(nodes.shape, dtype=bool)
-        inner[:, 1:-1], inner[:, -1] = self.mask[:, 1:], False
-        shift = np.where(inner, self.clearance[:, None] / size, 0.0)
-        return np.asarray(self.nominal + local * shift[..., None])
+        inner[:, 1:-1], inner[:, -1] = mask[:, 1:], False
+        shift = np.where(inner, self.clearance[self._loose, None] / size, 0.0)
+        found = np.tile(self.nominal, (*positions.shape[:-2], 1, 1, 1))
+        found[..., self._loose, :, :] += local * shift[..., None]
+        return found
 
     def evaluate(self, positions: Array, rotations: Array) -> CableShape:
         """Lengths and angles, with tendons shifted in oversized holes.
@@ -244,24 +251,15 @@ class CableGeometry:
         positions, rotations
             Of the nodes that carry holes [m], shapes (N, 3) and (N, 3, 3).
         """
-        count, offsets, lever = self.mask.shape[1] + 1, self.nominal, self._lever
+        count, offsets = self.mask.shape[1] + 1, self.nominal
         if self.shifts:
             offsets = self.shifted(positions, rotations)
-            lever = _levers(offsets)
         frames = rotations[:count]
         holes = (frames @ offsets[..., None])[..., 0]
         holes += positions[:count]
         between = Segments.between(holes.swapaxes(0, 1), self._exists)
-        lines = CableLines(frames, offsets, lever, between)
+        lines = CableLines(frames, offsets, between)
         return CableShape(between.lengths.T, between.angles.T, lines, width=6 * len(positions))
-
-
-def _levers(offsets: Array) -> Array:
-    """From forces on holes, in the frames of their nodes, to wrenches on the nodes: (m, n+1, 3) to (m, n+1, 6, 3)."""
-    lever = np.zeros((*offsets.shape[:-1], 6, 3))
-    lever[..., :3, :] = np.eye(3)
-    lever[..., 3:, :] = skew(offsets)
-    return lever
 
 
 def along_nodes(rows: Array, width: int) -> Array:

@@ -125,10 +125,9 @@ class Simulation:
             The state is then that of the last substep that converged.
         """
         robot = self.handle.actuation
-        for item in self.loads.values():
-            item.set(np.zeros(3))
-        for name, load in target.loads.items():
-            self.loads[self.load_key(name, load)].set(load.force, load.moment)
+        acting = {self.load_key(name, load): (load.force, load.moment) for name, load in target.loads.items()}
+        for key, item in self.loads.items():
+            item.set(*acting.get(key, (np.zeros(3), np.zeros(3))))
         robot.inputs, robot.drives = target.values, target.drives
         creeps = self.handle.robot.backbone.creep_rate != 0.0
         ramp = Ramp.of(self.system, self.state, target.time, self._set_creep if creeps else None)

@@ -332,4 +332,4 @@ class Target:
     @property
     def load_size(self) -> float:
         """Largest component of a force, for the scale of the residual [N]."""
-        return max((float(np.max(np.abs(load[:3]))) for load in self.loads), default=0.0)
+        return float(np.abs(np.array(self.loads)[:, :3]).max()) if self.loads else 0.0

@@ -195,8 +195,7 @@ class TendonStack:
         released = np.concatenate([field.released_length for field in fields])
         wrenches = np.zeros((size, 0, 6))
         if self.geometry is not None:
-            pulled = shape.lines.maps @ shape.lines.pulls(tension)[..., None]
-            wrenches = pulled[..., 0][self.rows].sum(axis=1)
+            wrenches = shape.lines.wrenches_of_each(tension)[self.rows].sum(axis=1)
         return Values(wrenches, tension[self.rows], released[self.rows])
 
     def _shape(self, point: RobotPoint, nodes: Index) -> CableShape:
@@ -360,6 +359,10 @@ class ExplicitDerivatives:
         place = self._owner[1:], np.arange(1, len(models))
         self._weights = sparse.csr_array((weights, place), (count, len(models)))
         self._models = models
+        self._springs = [(k, m.forces.springs) for k, m in enumerate(models) if m.forces.springs is not None]
+        kinds = np.array([(id(m.forces.mesh), id(m.forces.section)) for m in models])
+        self._kinds = np.unique(kinds, axis=0, return_inverse=True)[1].ravel()
+        self._creeps = any(m.experiment.robot.backbone.creep_rate != 0.0 for m in models)
         self._weight = np.stack([m.weight for m in models], axis=1)
         self._tendons = TendonStack.of([m.forces for m in models])
         self.law = self._tendons.laws[0].law
@@ -385,25 +388,20 @@ class ExplicitDerivatives:
         time
             [s].
         """
-        backbones, which = self._backbones([time] * len(self._models))
+        backbones, which = self._backbones(np.full(len(self._models), time))
         states = [forces.strain_state(twists, base_tension) for forces in backbones]
         rates = StrainState(*map(np.stack, zip(*states, strict=True))).curvature_rates()
-        change = backbones[0].curvature_rates_change(twists, base_tension, by_twists, by_tension)
+        change = backbones[which[0]].curvature_rates_change(twists, base_tension, by_twists, by_tension)
         return self._derivative(rates[which]) + change
 
-    def _backbones(self, times: Sequence[float]) -> tuple[list[ForceModel], list[int]]:
+    def _backbones(self, times: Array) -> tuple[list[ForceModel], Index]:
         """Forces that differ inside the backbone, and which of them each model has; its own time each [s]."""
         # Most parameters leave the backbone as it is.
-        numbers: dict[Any, int] = {}
-        found: list[ForceModel] = []
-        which: list[int] = []
-        for model, time in zip(self._models, times, strict=True):
-            key = id(model.forces.mesh), id(model.forces.section), time
-            if key not in numbers:
-                numbers[key] = len(found)
-                found.append(model.forces_at(time))
-            which.append(numbers[key])
-        return found, which
+        which = self._kinds
+        if self._creeps:
+            which = np.unique(np.stack((which, times)), axis=1, return_inverse=True)[1].ravel()
+        first = np.unique(which, return_index=True)[1]
+        return [self._models[i].forces_at(float(times[i])) for i in first], which
 
     def released_unloaded(self) -> Array:
         """Derivatives of the released lengths in the unloaded shape without tension, shape (m, n, P)."""
@@ -455,19 +453,17 @@ class ExplicitDerivatives:
         ``rates``: of the slips [m/s], shape (S, m, g); ``times``: up to which the backbones creep [s], shape (S,).
         """
         twists, positions, rotations = point.twists, point.positions, point.rotations
-        backbones, which = self._backbones(times.tolist())
+        backbones, which = self._backbones(times)
         gradients = [forces.gradient(twists, point.base_tension) for forces in backbones]
-        gradient = np.stack(gradients, axis=1)[:, which]
-        ends = gradient @ strain_matrices(twists)
+        ends = np.stack(gradients, axis=1) @ strain_matrices(twists)
         # By node first: the same matrices apply to all models.
-        wrenches = np.zeros((len(positions), len(self._models), 6))
-        wrenches[:-1] -= ends[..., :6]
-        wrenches[1:] -= ends[..., 6:]
+        inside = np.zeros((len(positions), len(backbones), 6))
+        inside[:-1] -= ends[..., :6]
+        inside[1:] -= ends[..., 6:]
+        wrenches = inside[:, which]
         wrenches[..., :3] += self._weight @ rotations
-        for k, model in enumerate(self._models):
-            springs = model.forces.springs
-            if springs is not None:
-                np.add.at(wrenches[:, k, :3], springs.nodes, springs.forces(positions, rotations))
+        for k, springs in self._springs:
+            np.add.at(wrenches[:, k, :3], springs.nodes, springs.forces(positions, rotations))
         nodes = self.present.forces.cable_nodes
         found = self._tendons.at(point, rates, nodes)
         wrenches[nodes] += found.wrenches.swapaxes(0, 1)
