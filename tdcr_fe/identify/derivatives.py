@@ -196,23 +196,22 @@ class _Part:
         self.exact = {table.name: number for number, table in tables.items()}
         acting = () if action is None else bay_state.action_inputs(self.experiment)
         job = Job(self.experiment, request.trajectories, request.record, (*tables.values(), *acting))
-        self.job = job._replace(states=action is not None)
+        self.job = job._replace(states=action is not None, curvatures=problem.readings.of_curvature)
 
     def _acted(self, experiment: Experiment) -> Experiment:
         """The experiment with the action; steps and loads that are those of the model are shared with it."""
         if self.action is None:
             return experiment
-        bare = self._bare
-        if experiment.ends != bare.ends:
-            return bay_state.with_action(experiment, self.action)
+        bare, acted = self._bare, self.experiment.steps
         if experiment.steps is bare.steps:
-            return replace(experiment, steps=self.experiment.steps)
-        steps = []
-        for own, plain, acted in zip(experiment.steps, bare.steps, self.experiment.steps, strict=True):
-            if own is not plain and own.loads != plain.loads:
-                return bay_state.with_action(experiment, self.action)
-            steps.append(acted if own is plain else replace(own, loads=acted.loads))
-        return replace(experiment, steps=tuple(steps))
+            return replace(experiment, steps=acted)
+        pairs = list(zip(experiment.steps, bare.steps, strict=False))
+        if experiment.ends != bare.ends or any(a is not b and a.loads != b.loads for a, b in pairs):
+            return bay_state.with_action(experiment, self.action)
+        each = zip(pairs, acted, strict=True)
+        return replace(
+            experiment, steps=tuple(x if a is b else replace(a, loads=x.loads) for (a, b), x in each)
+        )
 
     def _at_null(self) -> tuple[tuple[Effect, ...], Point]:
         """The model with those effects of the columns whose null values add inputs that act nowhere, such as loads."""

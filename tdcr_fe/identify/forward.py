@@ -39,6 +39,7 @@ class Job(NamedTuple):
     # by which the run is differentiated, see `tdcr_fe.solve.sensitivities.differences.tabulated`
     parameters: tuple[Parameter, ...] = ()
     states: bool = False  # whether the run gives the states of the bays
+    curvatures: bool = True  # whether derivatives of the curvature rates are needed; else they are zero
 
 
 def run_settings(declared: SolverSettings, path_tolerance: float) -> SolverSettings:
@@ -105,12 +106,10 @@ def simulate_experiment(job: Job, settings: SolverSettings, deadline: float = ma
     last = experiment.whole_steps
     commanded = [result.steps[j] for j in last]
     run = Run.of(commanded)
-    if job.states:
-        run = replace(run, bays=bay_state(experiment, commanded))
-    if job.parameters:
-        run = replace(run, derivatives=RunDerivatives.of(result.sensitivities, last, refused))
+    bays = bay_state(experiment, commanded) if job.states else None
+    derivatives = RunDerivatives.of(result.sensitivities, last, refused) if job.parameters else None
     trajectories = None if path is None else (Trajectory(path, experiment.step_ends, run.s),)
-    return replace(run, trajectories=trajectories)
+    return replace(run, bays=bays, derivatives=derivatives, trajectories=trajectories)
 
 
 def _of_sequence(parameter: Parameter, number: int, steps: slice) -> Parameter:
@@ -175,7 +174,8 @@ def _differentiated(
     while True:
         chosen = [p for p in job.parameters if p.name not in refused]
         try:
-            return simulate(*given, reference_path=along, record_path=path, sensitivities=chosen), refused
+            asked: dict[str, Any] = {"sensitivities": chosen, "curvatures": job.curvatures}
+            return simulate(*given, reference_path=along, record_path=path, **asked), refused
         except NoDerivative as error:
             refused[error.parameter] = error.reason
 

@@ -240,6 +240,7 @@ class Readings:
     axes: Index  # of a coordinate, its axis; -1 of other quantities, shape (n,)
     markers: Index  # which marker in which step a reading belongs to, shape (n,)
     tendon_names: tuple[str, ...]
+    of_curvature: bool  # whether any is
 
     @classmethod
     def of(cls, readings: Sequence[Reading], step_ids: Sequence[int], tendons: Sequence[str]) -> Readings:
@@ -259,6 +260,7 @@ class Readings:
             axes=np.array(["xyz".index(r.quantity[-1]) if is_position else -1 for r, is_position in each]),
             markers=np.array(markers),
             tendon_names=tuple(tendons),
+            of_curvature=any(r.channel.family == "curvature" for r in readings),
         )
 
     @cached_property
@@ -274,7 +276,7 @@ class Readings:
         """What is observed of one of a run's steps, from 0; None: of all of them."""
         steps = slice(None) if step is None else step
         s = np.broadcast_to(run.s, run.positions.shape[:2])[steps]
-        tables = {n: getattr(run, n)[steps] for n in _BY_STEP}
+        tables = {n: getattr(run, n)[steps] for n in _BY_STEP if n != "curvature_rates" or self.of_curvature}
         return ObservedStep(s, **tables, tendon_names=self.tendon_names, observation=experiment.observation)
 
     def read(self, run: Run, experiment: Experiment) -> Array:

@@ -46,6 +46,7 @@ def simulate(
     reference_path: PathRecord | None = None,
     record_path: PathRecord | None = None,
     sensitivities: Sequence[str | Parameter] = (),
+    curvatures: bool = True,
     responses: bool = False,
 ) -> SequenceResult:
     """Take a robot through a loading sequence.
@@ -69,6 +70,8 @@ def simulate(
     sensitivities
         Parameters by which the results are differentiated, such as ``"backbone.youngs_modulus"``; names:
         docs/sensitivities.md.
+    curvatures
+        Whether the derivatives of the curvature rates are needed; else they are zero.
     responses
         Compute compliance, tendon Jacobians and the stiffness seen by the motors at the tip, in every step.
 
@@ -93,8 +96,8 @@ def simulate(
     begun = time.perf_counter()
     targets = resolve(robot, steps)  # before all else: it says what steps are
     experiment, recorded = Experiment(robot, model, tuple(steps)), record_path is not None
-    chosen = parameters(experiment, sensitivities)
-    request = _Request(experiment, targets, settings, progress, reference_path, chosen, responses, recorded)
+    asked = reference_path, parameters(experiment, sensitivities), curvatures, responses, recorded
+    request = _Request(experiment, targets, settings, progress, *asked)
     findings = plausibility(robot, model, steps).issued()
     automatic = model.elements_per_bay == "auto" and reference_path is None
     with one_thread(), warnings_to():
@@ -126,6 +129,7 @@ class _Request(NamedTuple):
     progress: Callable[[StepResult], None] | None
     reference_path: PathRecord | None
     parameters: tuple[Parameter, ...]  # By which results are differentiated
+    curvatures: bool  # Whether curvature rates are, too
     responses: bool
     records: bool  # Whether the path is recorded
 
@@ -299,7 +303,8 @@ class _Run(MeshedRun):
         self.history: SensitivityHistory | None = None
         if request.parameters:
             meshed = replace(experiment, model=model)
-            self.history = SensitivityHistory.of(self.simulation, meshed, request.parameters)
+            history = SensitivityHistory.of(self.simulation, meshed, request.parameters)
+            self.history = replace(history, curvatures=request.curvatures)
         self.path: PathRecord = []
         self.compression = ExternalCompression.of(self.simulation)
         self.unstable: list[int] = []

@@ -74,7 +74,7 @@ class TrialSteps:
         self.robot, self.simulation = experiment.robot, simulation
         robot = self.robot
         chosen = parameters(experiment, [f"inputs.{name}" for name in robot.tendon_names])
-        self._history = SensitivityHistory.of(simulation, experiment, chosen)
+        self._history = replace(SensitivityHistory.of(simulation, experiment, chosen), curvatures=False)
         self._last: Actuation | None = None
 
     def begin(self, actuation: Actuation) -> None:

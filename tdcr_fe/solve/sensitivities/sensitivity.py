@@ -79,13 +79,14 @@ class _Disturbed(NamedTuple):
 class _StepValues(NamedTuple):
     """Derivatives at the end of one substep, for the result, and what the next one begins with."""
 
+    carried: _Carried
     nodes: Array
     rotations: Array
     tension: Array
     base_tension: Array
     displacements: Array
     slips: Array
-    carried: _Carried
+    curvature_rates: Array | None = None  # (E, 2, 3, P): At the end of a load step
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,8 +99,9 @@ class SensitivityHistory:
     inputs: InputDerivatives
     # Of all concentrated loads of the scene, the node, -1 where it is on another robot, and the frame
     loads: tuple[tuple[int, str], ...]
-    # What has been computed, by load step, with the curvature rates (E, 2, 3, P). Cleared, the history begins anew.
-    steps: list[tuple[_StepValues, Array]] = field(default_factory=list)
+    curvatures: bool = True  # Whether derivatives of the curvature rates are needed; else they are zero
+    # What has been computed, by load step. Cleared, the history begins anew.
+    steps: list[_StepValues] = field(default_factory=list)
 
     @classmethod
     def of(
@@ -160,7 +162,7 @@ class SensitivityHistory:
     def carried(self) -> _Carried:
         """What the next load step begins with."""
         if self.steps:
-            return self.steps[-1][0].carried
+            return self.steps[-1].carried
         law = self.explicit.present.forces.law
         slip = law.released_unloaded() @ self.explicit.law.slip_operator(law.shape[1]).T
         # Not zero where tendons have pretension.
@@ -202,7 +204,7 @@ class SensitivityHistory:
             values = self._values(own, solved, inputs, carried)
             carried = values.carried
         assert values is not None
-        self.steps.append((values, self._curvature_rates(values, solved)))
+        self.steps.append(values._replace(curvature_rates=self._curvature_rates(values, solved)))
         ramp.apply(system, 1.0)
         system.store(step.path.state)
 
@@ -258,13 +260,15 @@ class SensitivityHistory:
         slips = holes @ change.released
         carried = _Carried(after, disturbed.mobilisation, disturbed.slip, carried.slip)
         of_tendons = change.tension, change.base_tension, displacements, slips
-        return _StepValues(world[:, 0], world[:, 1], *of_tendons, carried)
+        return _StepValues(carried, world[:, 0], world[:, 1], *of_tendons)
 
     def _curvature_rates(self, values: _StepValues, solved: SolvedPoint) -> Array:
         """Derivatives of the curvature rates at the end of a step, in section axes, shape (E, 2, 3, P)."""
         robot = solved.system.robots.index(self.handle.actuation)
         configuration, own = solved.state.configuration, solved.forces[robot]
         chain, rotations = configuration.chains[robot], configuration.poses[robot][1]
+        if not self.curvatures:
+            return np.zeros((len(chain.twists), 2, 3, len(self.parameters)))
         moved = rotations.swapaxes(1, 2)[:, None] @ np.stack((values.nodes, values.rotations), axis=1)
         changes = chain.changes(moved.reshape(len(moved), 6, -1)), values.base_tension
         at = chain.twists, own.base_tension
@@ -302,10 +306,8 @@ class SensitivityHistory:
             return Sensitivities()
         robot = self.handle.robot
         counts = [len(robot.hole_arc_lengths(t)) - 1 for t in robot.tendons]
-        steps, rates = zip(*self.steps, strict=True)
-        *values, _ = zip(*steps, strict=True)
-        nodes, rotations, tension, base_tension, displacements, slips = map(np.array, values)
-        curvature_rates = np.array(rates)
+        _, *values = zip(*self.steps, strict=True)
+        nodes, rotations, tension, base_tension, displacements, slips, curved = map(np.array, values)
         if self.explicit.present.forces.geometry is None:
             # Tendons that follow the backbone have one tension.
             tension = np.repeat(tension[:, :, :1], max(counts, default=1), axis=2)
@@ -315,7 +317,7 @@ class SensitivityHistory:
                 parameter.value if isinstance(parameter, ModelParameter) else np.nan,
                 nodes[..., k],
                 rotations[..., k],
-                curvature_rates[..., k],
+                curved[..., k],
                 base_tension[..., k],
                 displacements[..., k],
                 tuple(tension[:, i, :n, k] for i, n in enumerate(counts)),
