@@ -50,9 +50,15 @@ class Cause(Effect):
         What its choice among all of the same kind costs, in natural units of the logarithm of its prior probability.
     held
         Parameters that change nothing where the others have their null values, and values at which these are tried.
+
+    Attributes
+    ----------
+    parts : tuple of Cause
+        Causes on no list that add up to it near the null values, each with its numbers; none: it is of one piece.
     """
 
     held: Held = MappingProxyType({})
+    parts: tuple[Cause, ...] = ()
 
     def __init__(
         self,

@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -79,12 +79,16 @@ class _Profile(NamedTuple):
     where: str
     numbers: tuple[str, ...]
     value: Callable[[Values, float, Array], Array]  # from the numbers, the null value and arc lengths
-    price: float  # see `Cause.price`
+    price: float = 0.0  # see `Cause.price`
+    # its parts, see `Cause.parts`: of what the bays have, and of what the disks have
+    bays: Sequence[_Profile] = ()
+    disks: Sequence[_Profile] = ()
 
 
 def _profiles(robot: Robot) -> Iterator[_Profile]:
     """Linear from the base to the tip, and another value between two disks, in more than one bay but not in all."""
     length, edges = robot.backbone.length, robot.bay_edges.tolist()
+    parts = [(i, j + 1) for i, j in ranges(len(edges) - 1) if j > i]
 
     def linear(numbers: Values, null: float, s: Array) -> Array:
         base, tip = numbers.values()
@@ -94,12 +98,18 @@ def _profiles(robot: Robot) -> Iterator[_Profile]:
         (there,) = numbers.values()
         return np.where((s > a - ARC_TOLERANCE) & (s < b + ARC_TOLERANCE), there, null)
 
-    yield _Profile("along the backbone", "everywhere", ("base", "tip"), linear, 0.0)
-    parts = [(edges[i], edges[j + 1]) for i, j in ranges(len(edges) - 1) if j > i]
-    for a, b in parts:
+    def part(a: float, b: float, *parts: Any) -> _Profile:
         where = f"s = {a:.4g} to {b:.4g} m"
-        value, price = partial(between, a=a, b=b), math.log(len(parts))
-        yield _Profile(f"({where})", f"from {where}", ("there",), value, price)
+        return _Profile(f"({where})", f"from {where}", ("there",), partial(between, a=a, b=b), *parts)
+
+    yield _Profile("along the backbone", "everywhere", ("base", "tip"), linear)
+    bays, disks = [part(*bay) for bay in itertools.pairwise(edges)], [part(s, s) for s in edges]
+    for i, j in parts:
+        yield part(edges[i], edges[j], math.log(len(parts)), bays[i:j], disks[i : j + 1])
+
+
+#: As `Change`, with a ``profile``.
+_Along = Callable[..., Experiment]
 
 
 def _at(numbers: Iterable[Parameter], places: Sequence[str], at: str = "") -> tuple[Parameter, ...]:
@@ -115,39 +125,38 @@ def _along(problem: FitProblem) -> Iterator[Cause]:
     curvatures = [number(f"kappa_{a}", "1/m", (-20.0, 20.0), 0.0, 0.01 / robot.backbone.length) for a in "xy"]
     friction = _more_friction(robot.tendons)
 
-    def cause(name: str, perturbs: str, profile: _Profile, change: Change, *each: Parameter) -> Cause:
-        numbers = _at(each, profile.numbers)
-        kind = Kind(perturbs, ("place",), profile.where)
-        text = f"the {perturbs} changes along the backbone"
-        return ChangedDescription(f"{name} {profile.name}", kind, numbers, change, text, profile.price)
+    def cause(name: str, perturbs: str, profile: _Profile, change: _Along, *each: Parameter) -> Cause:
+        numbers, acts = _at(each, profile.numbers), partial(change, profile=profile)
+        kind, text = Kind(perturbs, ("place",), profile.where), f"the {perturbs} changes along the backbone"
+        found = ChangedDescription(f"{name} {profile.name}", kind, numbers, acts, text, profile.price)
+        parts = profile.disks if perturbs == "transmission" else profile.bays
+        found.parts = tuple(cause(name, perturbs, part, change, *each) for part in parts)
+        return found
+
+    def tapered(experiment: Experiment, values: Values, profile: _Profile) -> Experiment:
+        edges = experiment.robot.bay_edges
+        # mean of the compliance over each bay, by Gauss's rule
+        s = edges[:-1, None] + 0.5 * np.diff(edges)[:, None] * (1.0 + np.array([-1.0, 1.0]) / math.sqrt(3.0))
+        factors = 1.0 / np.mean(profile.value(values, 1.0, s) ** -4.0, axis=1)
+        each = zip(itertools.pairwise(edges.tolist()), factors.tolist(), strict=True)
+        patches = (StiffnessPatch(*bay, factor, factor) for bay, factor in each)
+        return experiment.with_backbone(patches=(*experiment.robot.backbone.patches, *patches))
+
+    def bent(experiment: Experiment, values: Values, profile: _Profile) -> Experiment:
+        backbone, edges = experiment.robot.backbone, experiment.robot.bay_edges
+        middles = 0.5 * (edges[1:] + edges[:-1])
+        each = ({n: values[f"kappa_{a}_{n}"] for n in profile.numbers} for a in "xy")
+        bends = zip(*(profile.value(numbers, 0.0, middles).tolist() for numbers in each), strict=True)
+        bays = itertools.pairwise(edges.tolist())
+        patches = (StiffnessPatch(*bay, precurvature=own) for bay, own in zip(bays, bends, strict=True))
+        return experiment.with_backbone(patches=(*backbone.patches, *patches))
+
+    def rougher(experiment: Experiment, values: Values, profile: _Profile) -> Experiment:
+        holes = [(t, experiment.robot.hole_arc_lengths(t)[1:-1]) for t in experiment.robot.tendons]
+        tendons = tuple(_with_friction_at(t, s, profile.value(values, 0.0, s)) for t, s in holes)
+        return experiment.with_robot(tendons=tendons)
 
     for profile in _profiles(robot):
-
-        def tapered(experiment: Experiment, values: Values, profile: _Profile = profile) -> Experiment:
-            patches = []
-            for a, b in itertools.pairwise(experiment.robot.bay_edges.tolist()):
-                # mean of the compliance over the bay, by Gauss's rule
-                s = 0.5 * (a + b) + 0.5 * (b - a) * np.array([-1.0, 1.0]) / math.sqrt(3.0)
-                factor = 1.0 / float(np.mean(profile.value(values, 1.0, s) ** -4.0))
-                patches.append(StiffnessPatch(a, b, factor, factor))
-            return experiment.with_backbone(patches=(*experiment.robot.backbone.patches, *patches))
-
-        def bent(experiment: Experiment, values: Values, profile: _Profile = profile) -> Experiment:
-            backbone, edges = experiment.robot.backbone, experiment.robot.bay_edges
-            middles = 0.5 * (edges[1:] + edges[:-1])
-            each = ({n: values[f"kappa_{a}_{n}"] for n in profile.numbers} for a in "xy")
-            x, y = (profile.value(numbers, 0.0, middles).tolist() for numbers in each)
-            bends = zip(itertools.pairwise(edges.tolist()), x, y, strict=True)
-            patches = (
-                StiffnessPatch(*bay, precurvature=(about_x, about_y)) for bay, about_x, about_y in bends
-            )
-            return experiment.with_backbone(patches=(*backbone.patches, *patches))
-
-        def rougher(experiment: Experiment, values: Values, profile: _Profile = profile) -> Experiment:
-            holes = [(t, experiment.robot.hole_arc_lengths(t)[1:-1]) for t in experiment.robot.tendons]
-            tendons = tuple(_with_friction_at(t, s, profile.value(values, 0.0, s)) for t, s in holes)
-            return experiment.with_robot(tendons=tendons)
-
         yield cause("radius", "stiffness", profile, tapered, radius)
         yield cause("precurvature", "precurvature", profile, bent, *curvatures)
         if _has_coefficients(problem):

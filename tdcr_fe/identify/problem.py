@@ -243,7 +243,7 @@ def huber(r: Array, threshold: float) -> Array:
     return np.where(a <= threshold, a**2, 2.0 * threshold * a - threshold**2)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fit:
     """A model with its parameters fitted."""
 

@@ -15,7 +15,7 @@ from tdcr_fe.effects.base import Form
 from tdcr_fe.elements import Array, Flags
 from tdcr_fe.identify import criteria
 from tdcr_fe.identify.bay_state import COMPONENTS, FORCE
-from tdcr_fe.identify.causes import BesideDescription, PointForce, StateLoad
+from tdcr_fe.identify.causes import BesideDescription, Cause, PointForce, StateLoad
 from tdcr_fe.identify.derivatives import Column, Request, linearize
 from tdcr_fe.identify.fitting import can_be_seen
 from tdcr_fe.identify.input_causes import ChangedInputs
@@ -100,8 +100,7 @@ def screen(problem: FitProblem, fit: Fit, effects: Sequence[Effect]) -> tuple[li
     """
     experiment = problem.with_effects(fit.effects, fit.values)
     excitation = problem.excitation_range(fit.run)
-    sets: list[_ProbeSet] = []
-    scores: list[Score] = []
+    sets, scores = list[_ProbeSet](), list[Score]()
     for e in effects:
         probes = e.probe_points(experiment, excitation)
         alternatives = [points for points in probes if _possible(problem, fit, e, points)]
@@ -174,14 +173,15 @@ class _ProbeSet:
         directions = [{n: change for n, change in own.items() if change != 0.0} for own in changes]
         return cls(e, start, held, directions, e.near_null(experiment))
 
-    @property
-    def columns(self) -> dict[str, Column]:
-        """What the signature needs, by parameter."""
-        found: dict[str, Column] = {}
-        for d in self.directions:
-            for name, change in d.items():
-                found.setdefault(name, Column(self.differentiated, name, self.start, change))
-        return found
+    def columns(self, name: str, change: float) -> dict[_Key, Column]:
+        """Which add up to that of a parameter; those of the same key are the same, as in other forms of an effect.
+
+        ``change``: of its coordinate, where the derivative is a difference of two runs.
+        """
+        e = self.effect
+        own: dict[str, Effect] = {part.name: part for part in e.parts} if isinstance(e, Cause) else {}
+        own = own or {e.listed if isinstance(e, Form) else e.name: self.differentiated}
+        return {(key, name, self.held): Column(one, name, self.start, change) for key, one in own.items()}
 
     def limits(self, problem: FitProblem) -> tuple[Array, Array]:
         """Least and largest amplitudes within the bounds of the parameters, shape (k,) both."""
@@ -197,18 +197,14 @@ class _ProbeSet:
     def mixed(self, problem: FitProblem, amplitudes: Array) -> dict[str, float]:
         """Values at the sum of amplitudes times directions, within bounds."""
         e, each = self.effect, zip(amplitudes, self.directions, strict=True)
-        change = sum(a * np.array([d.get(n, 0.0) for n in self.columns]) for a, d in each)
-        free = [(e.name, n) for n in self.columns]
+        names = list(dict.fromkeys(n for d in self.directions for n in d))
+        change = sum(a * np.array([d.get(n, 0.0) for n in names]) for a, d in each)
+        free = [(e.name, n) for n in names]
         return problem.moved([e], {e.name: self.start}, free, np.asarray(change))[e.name]
 
-    def key(self, name: str) -> _Key:
-        """Of the column of a parameter; the same where the derivative is the same, as in other forms of an effect."""
-        e = self.effect
-        return e.listed if isinstance(e, Form) else e.name, name, self.held
-
-    def signature(self, derivatives: Mapping[str, Array], count: int) -> Array:
-        """Change of the predictions towards every point, from the derivatives by parameter, shape (count, k)."""
-        moves = [[derivatives[n] * x for n, x in d.items()] for d in self.directions]
+    def signature(self, by: Mapping[_Key, Array], count: int) -> Array:
+        """Change of the predictions towards every point, from the derivatives ``by`` the columns, shape (count, k)."""
+        moves = [[by[k] * x for n, x in d.items() for k in self.columns(n, x)] for d in self.directions]
         return np.stack([sum(parts, np.zeros(count)) for parts in moves], axis=1)
 
 
@@ -217,17 +213,15 @@ def _signatures(
 ) -> tuple[list[Array], Fit]:
     """Signatures of all probe sets from one run, and the model with that run.
 
-    Alternatives that begin at the same values share a derivative. ``history``: see `Request`.
+    Alternatives that begin at the same values share a derivative, and so do causes with the same parts.
+    ``history``: see `Request`.
     """
-    columns: dict[_Key, Column] = {}
-    for one in sets:
-        for name, column in one.columns.items():
-            columns.setdefault(one.key(name), column)
+    moves = [(one, n, x) for one in sets for d in one.directions for n, x in d.items()]
+    columns = dict(reversed([own for one, n, x in moves for own in one.columns(n, x).items()]))
     request = Request(fit.effects, fit.values, tuple(columns.values()), fit.run, history=history)
     (linear,) = linearize(problem, [request])
     by_key = dict(zip(columns, linear.matrix.T, strict=True))
-    own = ({name: by_key[one.key(name)] for name in one.columns} for one in sets)
-    found = [one.signature(by, fit.residual.size) for one, by in zip(sets, own, strict=True)]
+    found = [one.signature(by_key, fit.residual.size) for one in sets]
     reference = fit if linear.run.trajectories is None else replace(fit, run=linear.run)
     return found, reference
 
@@ -244,6 +238,7 @@ class _Space:
     rest: Array  # the residual, shape (m,)
 
     @classmethod
+    @lru_cache  # one model is asked for by many candidates
     def of(cls, problem: FitProblem, fit: Fit) -> _Space:
         """Of a model."""
         which, weights = problem.fitted, problem.root_weights(fit.residual)

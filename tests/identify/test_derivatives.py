@@ -13,6 +13,7 @@ from tdcr_fe.effects import EFFECTS, Effect, Experiment, PlaceEffect, effect
 from tdcr_fe.effects.by_tendon import OfTendon
 from tdcr_fe.effects.observation import OfMarker
 from tdcr_fe.identify.derivatives import Column, Request, linearize
+from tdcr_fe.identify.dictionary import _along
 from tdcr_fe.identify.forward import ForwardModel, Job
 from tdcr_fe.identify.problem import FitProblem, evaluate
 from tdcr_fe.identify.screening import screen
@@ -195,6 +196,19 @@ def test_all_candidates_are_screened_in_one_run() -> None:
     signatures = {x.effect.name for x in scores if x.signature.size}
     assert {"gravity", "superelastic", "rigid_disks", "frame_misalignment", "actuator_loss"} <= signatures
     assert {e.name for e in places} <= {x.effect.name for x in scores} and len(places) > 12
+
+
+def test_causes_between_two_disks_add_up_from_their_parts() -> None:
+    """What each of them would be alone: radius and precurvature by bays, friction by disks."""
+    about = problem("tension")
+    fit, whole = evaluate(about, (), {}), [e for e in _along(about) if e.parts]
+    assert len({part.name for e in whole for part in e.parts}) < len(whole)
+    for score in screen(about, fit, whole)[0]:
+        e, null = score.effect, score.effect.null_values(about.experiment)
+        columns = tuple(Column(e, p.name, null, p.scale) for p in e.parameters)
+        (alone,) = linearize(about, [Request((), {}, columns, fit.run)])
+        expected = alone.matrix * [p.scale for p in e.parameters]
+        assert np.abs(score.signature - expected).max() < 1e-6 * np.abs(expected).max(), e.name
 
 
 @pytest.mark.parametrize("name", ["soft_bay", "kink", "side_spring", "stuck_hole"])
