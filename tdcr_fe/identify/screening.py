@@ -238,7 +238,7 @@ class _Space:
     rest: Array  # the residual, shape (m,)
 
     @classmethod
-    @lru_cache  # one model is asked for by many candidates
+    @lru_cache(maxsize=4)  # one model is asked for by many candidates; it holds a run
     def of(cls, problem: FitProblem, fit: Fit) -> _Space:
         """Of a model."""
         which, weights = problem.fitted, problem.root_weights(fit.residual)
