@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from contacts import QUAD
 from robots import BACKBONE, DISKS, paper, three
-from scenes import HEAVY, TURN, scene, system
+from scenes import HEAVY, TURN, scene, solve_scene, system
 
 import tdcr_fe as tdcr
 from tdcr_fe import Backbone, InputPrior, Load, LoadPrior, LoadStep, Model, Robot, Tendon, TensionLimits
@@ -58,8 +58,11 @@ def differentiated(*names):
     return tdcr.simulate(three(0.2), Model(elements_per_bay=1), PULL, sensitivities=list(names))
 
 
-def tracked(name, **backbone):
-    return tdcr.track_sensitivities(scene(three(0.2).with_backbone(**backbone))[2], [name])
+def tracked(name, before=0.0, **backbone):
+    """Derivatives that begin after a pull [N]."""
+    _container, mbs, arm = scene(three(0.2).with_backbone(**backbone))
+    solve_scene(mbs, arm, {"t1": before})
+    mbs.SolveTDCR(sensitivities=[tdcr.track_sensitivities(arm, [name])])
 
 
 DESCRIPTIONS = [
@@ -122,6 +125,7 @@ SOLVES = [
     (lambda: tracked("steps[0].tensions.t1"), "names no number"),
     (lambda: tracked("effects.actuator_gain.gain"), "a scene has no load steps"),
     (lambda: tracked("backbone.radius", creep_rate=0.1), "creeps"),
+    (lambda: tracked("backbone.radius", before=1.0), "robot 'three': holes slipped in a SolveTDCR without these"),
     (lambda: follow(TensionLimits(1.0, 2.0)), "above the largest tension"),
     (lambda: follow(TensionLimits({"t1": 1.0})), "tendon t2 is missing"),
     (lambda: follow(TensionLimits(np.inf)), "zero or more"),
@@ -169,12 +173,6 @@ def touched(stiffness=1.0, **given):
     return used(lambda mbs, arm: arm.add_disk_contact(mbs.CreateGround(), stiffness, **given))
 
 
-def twice(mbs, arm):
-    """Two things of the same name."""
-    arm.add_load("x", 0.25)
-    arm.add_load("x", 0.25)
-
-
 def without_robot():
     _container, mbs = system()
     tdcr.SolveTDCR(mbs)
@@ -188,15 +186,13 @@ SCENES = [
     (lambda: created(gravity=HEAVY, model=Model(gravity=tuple(HEAVY))), "by the argument and by the model"),
     (lambda: created(color=[2.0, 0.0, 0.0, 1.0]), "four numbers from 0 to 1"),
     (lambda: created(loadPositions=[0.3]), "0 to 0.25 m"),
-    (lambda: created(loadPositions=["100 mm"]),
-        r'loadPositions\[0\] = "100 mm": must be a list of finite numbers, in m'),
+    (lambda: created(loadPositions=["1 mm"]), r'loadPositions\[0\] = "1 mm": must be a list of finite numbers, in m'),
     (lambda: created(referenceRotationMatrix=2.0 * np.eye(3)), "must be a rotation"),
     (lambda: created(referenceRotationMatrix=np.diag([1.0, 1.0, -1.0])), "reflection"),
     (lambda: created(graphicsDataList=SPHERE), "graphicsDataList = .*: must be a list of graphics"),
     (lambda: created(graphicsDataList=[0.1]), r"graphicsDataList\[0\] = 0.1: must be a list of graphics"),
     (lambda: created(show="no"), 'show = "no": must be True, or False, which draws nothing'),
-    (lambda: created(referencePosition=[0.0, 1.0]),
-        r"referencePosition = \[0.0, 1.0\]: must be three finite numbers, in m"),
+    (lambda: created(referencePosition=[0, 1]), r"referencePosition = \[0, 1\]: must be three finite numbers, in m"),
     (lambda: on_a_body(graphicsDataList=[SPHERE]), "graphicsDataList is drawn on the base"),
     (lambda: on_a_body(referencePosition=[0.0, 0.0, 0.0]), "referencePosition .* differs from that of baseMarker"),
     (lambda: on_a_body(referenceRotationMatrix=np.eye(3)), "referenceRotationMatrix .* differs from"),
@@ -212,7 +208,9 @@ SCENES = [
     (lambda: used(lambda mbs, arm: arm.recommended_settings(1.0, 2.0)), "recommended_settings"),
     (lambda: used(lambda mbs, arm: arm.recommended_settings(NAN, 1e-3)), "recommended_settings"),
     (lambda: used(lambda mbs, arm: arm.add_load("y", 0.124)), "nearest"),
-    (lambda: used(twice), "already"),
+    (lambda: used(lambda mbs, arm: [arm.add_load("x", 0.25) for _ in range(2)]), "already"),
+    # A force that is no number was "singular matrix".
+    (lambda: used(lambda mbs, arm: arm.add_load("x", 0.25).set([NAN, 0.0, 0.0])), r"force\[0\] = nan: .*finite number"),
     (lambda: used(lambda mbs, arm: arm.add_motor("t1", 0.0, 1.0)), "inertia = 0.0"),
     (lambda: used(lambda mbs, arm: arm.add_motor("t1", 1.0, -1.0)), "radius = -1.0"),
     (lambda: used(lambda mbs, arm: mbs.TDCREigenvalues(holes="free"), True), "must be 'stuck' or 'sliding'"),

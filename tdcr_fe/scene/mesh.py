@@ -124,9 +124,9 @@ def build_mesh(robot: Robot, model: Model, extra: Iterable[float] = ()) -> tuple
     edges += [spring.at for spring in robot.springs]
     if robot.without_disks:
         edges += [robot.end(t) for t in robot.tendons]
-    arc, rigid = subdivide(robot, elements_of_bays(robot, model), [*extra, *edges])
     if robot.base_stiffness is not None:
-        arc, rigid = np.insert(arc, 1, hinge_length(b.length)), np.insert(rigid, 0, False)
+        edges.append(hinge_length(b.length))
+    arc, rigid = subdivide(robot, elements_of_bays(robot, model), [*extra, *edges])
     middle = 0.5 * (arc[1:] + arc[:-1])
     bending, torsion = b.stiffness_factors(middle)
     one = np.ones_like(middle)

@@ -226,7 +226,7 @@ def _replaced(
     """The inverse of `_picked`: values of every robot with some replaced; those given are unchanged."""
     found, first = tuple([own.copy() for own in by_robot]), 0
     for new, places in zip(found, which, strict=True):
-        last = first + new[places].size
+        last = first + len(new[places])
         new[places], first = values[first:last], last
     return found
 

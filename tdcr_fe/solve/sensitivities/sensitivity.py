@@ -146,9 +146,7 @@ class SensitivityHistory:
         chosen = parameters(experiment, names)
         for p in chosen:
             if p.name.startswith(("steps", "effects.actuator", "loads.node ")):
-                raise ValueError(
-                    f"sensitivities: {p.name!r}: a scene has no load steps; name inputs of the call"
-                )
+                raise ValueError(f"sensitivities: {p.name!r}: a scene has no load steps; name its inputs")
         explicit = ExplicitDerivatives(*models_around(arm, experiment, chosen), len(chosen))
         own = {id(load): name for name, load in arm.loads.items()}
         labels = [own.get(id(x), "") for x in SceneHooks.of(arm.mbs).point_loads]
@@ -182,6 +180,10 @@ class SensitivityHistory:
         robot = system.robots.index(self.handle.actuation)
         goal = self.inputs.at(len(self.steps), self.handle.actuation.drives.scale)
         carried, goes_on = self.carried, (~self.inputs.restarts).astype(float)
+        law, name = self.handle.actuation.law, self.handle.name
+        passed = np.abs(before.friction[robot].slip - carried.slip) if law.law.active else np.zeros(0)
+        if goes_on.any() and passed.max(initial=0.0) > law.hysteresis.presliding:
+            raise ValueError(f"robot {name!r}: holes slipped in a SolveTDCR without these sensitivities")
         begin = Derivative(*(x * goes_on for x in vars(carried.derivative).values()))
         carried = carried._replace(derivative=begin)
         wound = np.where(np.isnan(before.prescribed[robot])[:, None], begin.base_slip, begin.inputs)
