@@ -78,7 +78,7 @@ class ElasticTendons(NamedTuple):
         for _ in range(60):
             forces = elastic.after(measured, tension, state, t)
             slope, gap = forces.base_slip_by_base(), values - forces.field.base_slip
-            new = np.where(driven, np.maximum(tension + gap / slope, 0.0), tension)
+            new = np.maximum(tension + np.divide(gap, slope, np.zeros(len(driven)), where=driven), 0.0)
             moved = np.abs(new - tension) > 1e-12 * (1.0 + np.max(new)) + round_off
             low, high = np.where(gap > 0.0, tension, low), np.where(gap < 0.0, tension, high)
             # Newton's method may go to and fro about a corner of the slip as a function of the tension.

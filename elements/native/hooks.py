@@ -8,7 +8,7 @@ from it.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -214,8 +214,7 @@ class SceneHooks:
                 f"robot {present[0].actuation.name!r}: its items have other numbers in the system than when it was "
                 "made, because items were deleted; delete items before CreateTDCR, or build the system again"
             )
-        if changed:
-            self.robots = [robot for robot in self.robots if robot not in changed]
+        self.robots = [robot for robot in self.robots if robot not in changed]
         if item_counts(mbs)["Sensor"] != self._counts["Sensor"]:
             drawn = [spring for each in self.actuations for spring in each.connectors.drawn]
             _refuse_force_sensors(mbs, drawn)
@@ -224,7 +223,8 @@ class SceneHooks:
     def add(self, actuation: TendonActuation) -> None:
         """Add a robot, and give its force items the functions that Exudyn calls.
 
-        An iteration that diverges may overflow, without a warning: the solver sees the result and takes a smaller step.
+        An iteration that diverges may overflow or find no tensions, without a warning: the solver sees forces that are
+        no numbers, and takes a smaller step.
 
         Parameters
         ----------
@@ -235,7 +235,8 @@ class SceneHooks:
         def forces(mbs: exu.MainSystem, t: float, item: int, q: Sequence[float], q_t: Sequence[float]) -> Any:
             self._check_counts()
             self.adopt(self.system.mbs)
-            with np.errstate(all="ignore"):
+            found = np.full(len(q), np.nan)
+            with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):
                 found = actuation.forces_on_coordinates(q, t)
             if np.isnan(found[0]) and actuation.law.varies:
                 self._step_sizes.check_tensions(self.system.mbs, t, actuation)

@@ -179,8 +179,7 @@ class TDCR(AssembledRobot):
         if self.mbs.systemIsConsistent:
             raise ValueError(f"robot {self.name!r}: add_motor must be called before mbs.Assemble()")
         node = self.mbs.AddNode(eii.Node1D(name=f"{self.name}.{tendon}.motor", referenceCoordinates=[0.0]))
-        show = eii.VObjectMass1D(show=False)
-        self.mbs.AddObject(eii.Mass1D(nodeNumber=node, mass=inertia, visualization=show))
+        self.mbs.AddObject(eii.Mass1D(nodeNumber=node, mass=inertia, visualization=eii.VMass1D(show=False)))
         self.actuation.add_motor(Motor(number, node, radius))
         return node
 

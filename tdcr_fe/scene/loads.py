@@ -13,6 +13,7 @@ import numpy as np
 from tdcr_fe.elements import Array
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION
 from tdcr_fe.elements.native.items import SystemReference, data_coordinates
+from tdcr_fe.model.loading import Load
 
 Frame = Literal["world", "section"]
 
@@ -46,9 +47,9 @@ class PointLoad:
 
     def set(self, force: Sequence[float] | Array, moment: Sequence[float] | Array = (0.0, 0.0, 0.0)) -> None:
         """Set force [N] and moment [N m], each of shape (3,), in the load's frame."""
-        for load, vector in ((self.lForce, force), (self.lTorque, moment)):
-            turned = self._turn @ np.asarray(vector, dtype=float)
-            self.system.mbs.SetLoadParameter(load, "loadVector", turned)
+        checked = Load(0.0, force, moment)  # type: ignore[arg-type]
+        for load, vector in ((self.lForce, checked.force), (self.lTorque, checked.moment)):
+            self.system.mbs.SetLoadParameter(load, "loadVector", self._turn @ vector)
 
     @property
     def value(self) -> Array:

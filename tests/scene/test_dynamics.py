@@ -175,8 +175,12 @@ def test_the_energy_of_random_motions_is_conserved_for_half_a_second(seed):
 
 
 def test_loads_and_weight_that_the_static_solver_ramps_do_the_work_of_the_ramp():
-    """``mbs.SolveStatic`` multiplies them by a factor from 0 to 1: a load does half its final value times the way."""
+    """``mbs.SolveStatic`` multiplies them by a factor from 0 to 1: a load does half its final value times the way.
+
+    A slack tendon driven by displacement does nothing; beside others it brought a warning of a division by zero.
+    """
     _keep, mbs, handle, (load, sensor) = scene_with(load_and_sensor, seven(0.0), gravity=(0.5, 0.0, 0.0))
+    handle.set_displacements({"t1": 0.0})
     load.set([2e-3, 0.0, 0.0])
     assert mbs.SolveStatic(recommended(handle, 1.0, 0.05))
     found = dict(zip(ENERGY_COLUMNS, mbs.GetSensorValues(sensor), strict=True))

@@ -208,9 +208,11 @@ class SubstepSolver:
         moments = any(load[3:].any() for load in self.ramp.apply(self.system, end).loads)
         free = self._free(state)
         hint = f"Nothing holds {', '.join(free)}: fix or support what moves freely."
+        # A scene with other items has loads of the user's own, which are not divided with the step.
+        own = "" if self.system.layout.no_others else " Or raise your own loads in several calls."
         message = (
             f"{failed.reason(self.settings)}, between load factors {start:.4f} and {end:.4f} of the step, the smallest "
-            f"substep allowed. {hint if free else advice(failed.status, moments, has_rates(self.system))}"
+            f"substep allowed. {hint if free else advice(failed.status, moments, has_rates(self.system)) + own}"
         )
         return StepFailed(message, start, failed.residual, state, iterations)
 
@@ -227,11 +229,9 @@ def advice(status: NewtonStatus, moments: bool = False, rates: bool = False) -> 
     """
     if status in ADVICE:
         return ADVICE[status]
+    larger = "presliding distance: presliding = 1e-5 in the [solver] table (SolverSettings in Python)."
     if status is NewtonStatus.NO_FRICTION_STATE and not moments:
-        return (
-            "Try smaller load steps, or a larger presliding distance: presliding = 1e-5 in the [solver] table "
-            "(SolverSettings in Python)."
-        )
+        return f"Try smaller load steps, or a larger {larger}"
     if status is NewtonStatus.NOT_FINITE and rates:
         return (
             "Give the load step more time: a coefficient of friction that falls with the slip rate has no unique "
@@ -244,6 +244,5 @@ def advice(status: NewtonStatus, moments: bool = False, rates: bool = False) -> 
         )
     return (
         "Try smaller load steps. If the load is near the point where the robot buckles or snaps through, no "
-        "equilibrium follows this path. Where holes change between stick and slip, a larger presliding distance "
-        "helps: presliding = 1e-5 in the [solver] table (SolverSettings in Python)."
+        f"equilibrium follows this path. Where holes change between stick and slip, take a larger {larger}"
     )
