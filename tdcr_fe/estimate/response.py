@@ -187,7 +187,7 @@ class Response(ObservedChange):
         gaps = np.where(winds[:, None], displacements, 0.0) - wound
         displacements[winds] = wound[winds]
         mobilisations = tendons.mobilisation[law.frictional]
-        slips = (law.slip_operator @ tendons.released)[law.frictional]
+        slips = tendons.slip[law.frictional]
         return cls(
             moved[:, 0],
             moved[:, 1],

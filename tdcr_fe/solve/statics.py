@@ -83,8 +83,8 @@ def SolveTDCR(
     TypeError
         An argument is of another type; the message names the expected type.
     ValueError
-        The system is not assembled, has no robot, has first-order states, a motor winds a tendon, or the base joint of
-        a robot is switched off and nothing else holds it.
+        The system is not assembled, has no robot, has first-order states, a motor winds a tendon, the base joint of a
+        robot is switched off and nothing else holds it, or holes have slipped in a call without the sensitivities.
     """
     check_system("SolveTDCR", mbs)
     hint = "SolverSettings, such as SolverSettings(max_substeps=128)"
@@ -196,7 +196,7 @@ def track_sensitivities(arm: TDCR, names: Sequence[str | Parameter]) -> Sensitiv
     Give what it returns to every `SolveTDCR` from then on, and read ``result()`` of it: one entry for each call.
     Names are those of the robot's and the model's fields and of effects on them, and of inputs of the current call
     (``"inputs.t1"``, ``"loads.tip.force_x"``). The base plate may be joined to a body that moves; what other bodies and
-    robots do in response is in the derivatives.
+    robots do in response is in the derivatives, but for the slip rates of other robots in laws that depend on them.
 
     Parameters
     ----------

@@ -212,10 +212,11 @@ def test_a_robot_alone_has_the_derivatives_of_simulate():
 
 
 @pytest.mark.parametrize("field", ["youngs_modulus", "radius"])
-def test_the_platform_that_gives_way_is_in_the_derivative(field):
-    """Against central differences of whole solutions; the weight of two robots turns the platform.
+def test_the_platform_that_gives_way_and_another_robot_are_in_the_derivative(field):
+    """Against central differences of whole solutions; the weight of the robot turns the platform.
 
-    A second robot with friction, and a base that gives way, ended in errors of shapes.
+    Of another robot on a spring some holes stick, and remember where they were: without that it was 18 % off. Several
+    robots with friction, and a base that gives way, ended in errors of shapes.
     """
     robot = replace(seven(0.2), base_stiffness=0.5)
     value = getattr(robot.backbone, field)
@@ -223,15 +224,15 @@ def test_the_platform_that_gives_way_is_in_the_derivative(field):
     def solved(factor: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
         """Shapes after two pulls, and their derivatives."""
         _keep, mbs, platform = hinged_platform(0.5)
-        changed = robot.with_backbone(**{field: value * factor})
         model = Model(elements_per_bay=1, gravity=(9.81, 0.0, 0.0))
-        arm = CreateTDCR(mbs, changed, model, baseMarker=platform)
-        tool = CreateTDCR(mbs, seven(0.3), model, baseMarker=arm.mTip, name="tool")
+        arm = CreateTDCR(mbs, robot.with_backbone(**{field: value * factor}), model, baseMarker=platform)
+        other = CreateTDCR(mbs, seven(0.3), model, referencePosition=[0.05, 0.0, 0.0], name="other")
+        mbs.CreateCartesianSpringDamper(itemNumbers=[arm.mTip, other.mTip], stiffness=[3.0] * 3)
         mbs.Assemble()
         tracked, shapes = track_sensitivities(arm, [f"backbone.{field}"]), []
         for tension in (0.8, 0.5):
             arm.set_tensions({"t1": tension})
-            tool.set_tensions({"t1": 0.1 * tension})
+            other.set_tensions({"t1": 1.0 + 0.1 * tension})
             mbs.SolveTDCR(SETTINGS, substeps=4, sensitivities=[tracked])
             shapes.append(arm.shape()[0])
         return np.array(shapes), tracked.result()[f"backbone.{field}"].positions

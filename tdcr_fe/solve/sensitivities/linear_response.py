@@ -36,6 +36,7 @@ class TendonChange(NamedTuple):
     mobilisation: Array  # (m, g, P)
     tension: Array  # (m, n, P): Tensions [N] and released lengths [m] of the segments
     released: Array  # as `tension`
+    slip: Array  # (m, g, P): [m]
 
 
 class Response(NamedTuple):
@@ -197,7 +198,8 @@ class SolvedPoint:
             base[part.driven] = unknowns[part.tensions]
             tension, released = own.tendon_change(unknowns[part.nodes], base, change)
             tension, released = tension + disturbance.tension, released + disturbance.released
-            found.append(TendonChange(base, change, tension, released))
+            slip = own.model.law.slip_operator @ released
+            found.append(TendonChange(base, change, tension, released, slip))
         return found
 
     def _enter(self, right: Array, part: RobotUnknowns, disturbance: Disturbance) -> None:
@@ -222,12 +224,8 @@ class SolvedPoint:
         Without them the unknowns are ``fixed``, and the tendons change as given.
         """
         numbering, pick = self.numbering, self.numbering.at_frictional_holes
-        slips = []
-        by_robot = zip(self.forces, tendons, disturbances, self.flexibility, strict=True)
-        for own, tendon, given, slope in by_robot:
-            moved = own.model.law.slip_operator @ tendon.released - given.slip
-            slips.append(moved + slope[0, ..., None] * given.mobilisation)
-        excess = pick(slips)
+        by_robot = zip(tendons, disturbances, self.flexibility, strict=True)
+        excess = pick([x.slip - own.slip + a[0, ..., None] * own.mobilisation for x, own, a in by_robot])
         coupling = FrictionCoupling.of(numbering, self.forces, self.linearization.slack)
         which, at_end = np.flatnonzero(pick(self.sticking)), pick([end for _, end in self.flexibility])
         columns, matrix = coupling.response(self.linearization.factorisation.solve, which, at_end)

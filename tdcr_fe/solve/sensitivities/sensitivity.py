@@ -63,6 +63,9 @@ class _Carried(NamedTuple):
     mobilisation: Array  # (m, g): Of the holes, also of those without friction at the present values
     slip: Array  # (m, g): Slips to which these belong [m]
     former: Array  # as `slip`, of the substep before
+    # By robot, with which change of its history the next substep begins; empty where none has changed. Of this robot:
+    # as `derivative`
+    histories: tuple[Disturbance, ...] = ()
 
 
 class _Disturbed(NamedTuple):
@@ -185,7 +188,8 @@ class SensitivityHistory:
         if goes_on.any() and passed.max(initial=0.0) > law.hysteresis.presliding:
             raise ValueError(f"robot {name!r}: holes slipped in a SolveTDCR without these sensitivities")
         begin = Derivative(*(x * goes_on for x in vars(carried.derivative).values()))
-        carried = carried._replace(derivative=begin)
+        histories = tuple([Disturbance(*(y * goes_on for y in x)) for x in carried.histories])
+        carried = carried._replace(derivative=begin, histories=histories)
         wound = np.where(np.isnan(before.prescribed[robot])[:, None], begin.base_slip, begin.inputs)
         start = np.where(self.handle.actuation.drives.winds[:, None], wound, begin.base_tension)
         first, values = InputValues(start, begin.loads, begin.time), None
@@ -232,7 +236,7 @@ class SensitivityHistory:
         explicit = self.explicit.at(own, point, rate, (history.time, time), inherited)
         count, tendons = len(self.parameters), (inputs.tendons, explicit.tension, explicit.released)
         wrenches = explicit.wrenches.reshape(-1, count) + self._load_wrenches(poses[1], inputs.loads)
-        disturbances = [Disturbance.none(x, count) for x in solved.forces]
+        disturbances = list(carried.histories) or [Disturbance.none(x, count) for x in solved.forces]
         disturbances[robot] = Disturbance(wrenches, *tendons, before.slip, before.mobilisation)
         return _Disturbed(tuple(disturbances), mobilisation, at_slip, rate, inherited, duration)
 
@@ -245,14 +249,12 @@ class SensitivityHistory:
         response = solved.respond(disturbed.disturbances)
         change = response.tendons[robot]
         law = own.model.law
-        slip = law.slip_operator @ change.released
         rates = before.slip_rate
         if disturbed.duration > 0.0:
-            begin = disturbed.inherited
-            travel = disturbed.rate[:, : law.groups, None] * begin.elapsed
-            rates = (slip - begin.slip - travel) / disturbed.duration
+            travel = disturbed.rate[:, : law.groups, None] * disturbed.inherited.elapsed
+            rates = (change.slip - disturbed.inherited.slip - travel) / disturbed.duration
         base = change.base_tension, change.released.sum(axis=1)
-        after = Derivative(slip, before.slip, change.mobilisation, rates, *base, *inputs)
+        after = Derivative(change.slip, before.slip, change.mobilisation, rates, *base, *inputs)
         part = solved.numbering.robots[robot]
         moved = response.unknowns[part.nodes].reshape(-1, 2, 3, len(self.parameters))
         world = solved.state.configuration.poses[robot][1][:, None] @ moved
@@ -260,7 +262,9 @@ class SensitivityHistory:
         displacements = after.base_slip.copy()
         displacements[part.driven] = inputs.tendons[part.driven]
         slips = holes @ change.released
-        carried = _Carried(after, disturbed.mobilisation, disturbed.slip, carried.slip)
+        pairs = zip(disturbed.disturbances, response.tendons, strict=True)
+        histories = [x._replace(slip=y.slip, mobilisation=y.mobilisation) for x, y in pairs]
+        carried = _Carried(after, disturbed.mobilisation, disturbed.slip, carried.slip, tuple(histories))
         of_tendons = change.tension, change.base_tension, displacements, slips
         return _StepValues(carried, world[:, 0], world[:, 1], *of_tendons)
 
@@ -342,18 +346,18 @@ def _reversed(
     by_robot = zip(disturbed.disturbances, point.input_rates, strict=True)
     disturbances = [own.with_inputs(rates) for own, rates in by_robot]
     response = solved.respond(tuple(disturbances), point.load_rates)
-    released = response.tendons[robot].released
-    slip = solved.forces[robot].model.law.slip_operator @ released
-    by_parameter, by_load_factor = slip[..., :-1], slip[..., -1:]
-    by_parameter = by_parameter + by_load_factor * _load_factor_change(point, solved, response, disturbances)
-    turned, before = point.reverses[robot], carried.derivative
-    holes = turned[..., None]
-    slip, mobilisation = np.where(holes, by_parameter, before.slip), np.where(holes, 0.0, before.mobilisation)
+    change, histories = _load_factor_change(point, solved, response, disturbances), []
+    for begin, tendons, turned in zip(disturbed.disturbances, response.tendons, point.reverses, strict=True):
+        goes_on, there = ~turned[..., None], tendons.slip[..., :-1] + tendons.slip[..., -1:] * change
+        slip, mobilisation = np.where(goes_on, begin.slip, there), goes_on * begin.mobilisation
+        histories.append(begin._replace(slip=slip, mobilisation=mobilisation))
+    after, turned = histories[robot], point.reverses[robot]
     return _Carried(
-        replace(before, slip=slip, mobilisation=mobilisation),
+        replace(carried.derivative, slip=after.slip, mobilisation=after.mobilisation),
         np.where(turned, disturbed.mobilisation, carried.mobilisation),
         np.where(turned, disturbed.slip, carried.slip),
         carried.former,
+        tuple(histories),
     )
 
 
