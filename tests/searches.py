@@ -100,7 +100,7 @@ def found() -> IdentificationResult:
     """What a search concludes that ends with the gravity that was not declared."""
     data = replace(measured(identify_data.GRAVITY, robot=ROBOT), robot=ROBOT)
     ended = concluded(with_model(begun(data), identify_data.GRAVITY))
-    parameters = Parameters(("a", "b"), np.ones(2), np.eye(2))
+    parameters = Parameters(("a", "b"), np.eye(2))
     return replace(ended, before=BEFORE, after=AFTER, noise=NOISE, parameters=parameters)
 
 

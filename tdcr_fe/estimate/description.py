@@ -111,14 +111,13 @@ def memory(prior: LoadPrior | InputPrior, elapsed: float) -> tuple[float, float]
 
 @dataclass(frozen=True, eq=False)
 class Passage:
-    """The unknowns of a frame before and after its readings; errors of effects count from no effect."""
+    """What the readings of a frame have told of its unknowns, and how these go on; see `smoothed`."""
 
     kept: Array  # (n,): What is left of the unknowns at the end of the frame before
-    mean: Array  # (n,): Before the readings
-    covariance: Array  # (n, n): as `mean`
-    found: Array  # (n,): Given the readings
-    found_covariance: Array  # (n, n): as `found`
-    carried: Array  # (n, n): From these to the unknowns at the end of the frame
+    covariance: Array  # (n, n): Before the readings
+    jacobian: Array  # (n_readings, n): Of the readings over their noise
+    pull: Array  # (n,): The readings have changed the mean by the covariance times this
+    carried: Array  # (n, n): From the unknowns to those at the end of the frame
     positions: Array  # (N, 3, n): Derivatives of the nodes
     rotations: Array  # as `positions`
     base_tensions: Array  # (m, n)

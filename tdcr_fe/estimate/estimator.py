@@ -181,11 +181,10 @@ class Estimator:
 
     def _estimated(self, frame: Frame) -> Estimate:
         """The estimate of a frame, which the estimator takes for its state; the last state where there is none."""
-        kept, before, covariance = self._prior(frame)
-        read, mean = len(frame.readings) > 0, before
-        held = self._problem.at_given_place(covariance)[1]
-        if read:
-            mean = mean + self._volume.change_of_mean(held)
+        kept, mean, covariance = self._prior(frame)
+        read, held = len(frame.readings) > 0, self._problem.at_given_place(covariance)[1]
+        of_volume = self._volume.pull(held) if read else np.zeros(len(mean))
+        mean = mean + held @ of_volume
         last = self._last
         if last is not None and last.frame.commands.drives.kinds != frame.commands.drives.kinds:
             last = None
@@ -198,6 +197,7 @@ class Estimator:
             state = Solved.of(frame, self._mean, UNSOLVED)
             return self._estimate(state, self._mean, state.response, self._covariance, np.nan, message)
         state, unknowns = found.point, found.unknowns
+        jacobian, pull = state.jacobian, of_volume + state.pull(mean, covariance)
         variances = np.diagonal(posterior_covariance(covariance, state.jacobian))
         state, unknowns = self._at_present_values(state, unknowns, variances[self._problem.parameters])
         history = self._problem.history
@@ -214,8 +214,7 @@ class Estimator:
         end = carried @ after @ carried.T
         self._covariance = 0.5 * (end + end.T)
         by = state.response.positions, state.response.rotations, state.response.base_tensions
-        given = self._problem.from_zero(unknowns), after, carried, *by
-        passage = Passage(kept, frame.problem.from_zero(before), covariance, *given)
+        passage = Passage(kept, covariance, jacobian, pull, carried, *by)
         return replace(self._estimate(state, unknowns, response, likely, found.misfit, ""), passage=passage)
 
     def _at_present_values(self, state: Solved, unknowns: Array, variances: Array) -> tuple[Solved, Array]:

@@ -85,12 +85,6 @@ class Problem:
             effects, simulation, observation, loaded, input_sigmas, effects.derivatives(simulation.handle)
         )
 
-    def from_zero(self, unknowns: Array) -> Array:
-        """Unknowns in which numbers of effects count from zero in place of their present values."""
-        found = unknowns.copy()
-        found[self.parameters] += self.effects.coordinates
-        return found
-
     def with_effects(self, effects: UncertainEffects) -> Problem:
         """With effects at other values."""
         given = self.simulation.settings, self.observation, self.s[self.loaded].tolist(), self.input_sigmas
@@ -463,6 +457,12 @@ class Solved:
         jacobian = by_node @ self.by_unknowns
         return linear_start(covariance, residual - jacobian @ self._change_to(frame, mean), jacobian)
 
+    def pull(self, mean: Array, covariance: Array) -> Array:
+        """``v`` at the least misfit of the linear model, shape (n,)."""
+        missed = self.residual + self.jacobian @ (self.unknowns - mean)
+        inner = self.jacobian @ covariance @ self.jacobian.T + np.eye(len(missed))
+        return np.asarray(self.jacobian.T @ np.linalg.solve(inner, missed))
+
     def best_place(self, mean: Array, given: Array, held: Array, variance: float) -> tuple[float, Array]:
         """Where the load explains the readings best by the linear model.
 
@@ -516,10 +516,10 @@ class Volume:
     # So far: each renews the next direction, away from the prior mean and towards it in turn; the mean of both counts
     renewals: int = 0
 
-    def change_of_mean(self, covariance: Array) -> Array:
-        """Of the prior that has this slope, shape (n,); ``covariance``: of the prior, shape (n, n)."""
+    def pull(self, covariance: Array) -> Array:
+        """The prior whose mean is changed by the covariance (n, n) times this has this slope, shape (n,)."""
         bounded = (_bounded(slope, covariance) for slope in self.slopes)  # that of their frame may be less
-        return -0.5 * covariance @ sum(bounded, np.zeros(len(covariance)))
+        return -0.5 * sum(bounded, np.zeros(len(covariance)))
 
     def renewed(self, solved: Solved, covariance: Array) -> Volume:
         """With one direction, or those that are new, as in a solved frame; ``covariance``: of its prior."""

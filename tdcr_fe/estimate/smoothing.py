@@ -11,35 +11,34 @@ from scipy.spatial.transform import Rotation
 from tdcr_fe.elements import Array
 from tdcr_fe.estimate.description import Estimate, Passage
 from tdcr_fe.estimate.frame import LOAD, PLACE
-
-#: Variances below this part of the largest, all over those of the unknowns, are those of what others determine.
-SINGULAR = 1e-10
+from tdcr_fe.estimate.most_probable import posterior_covariance
 
 
 def smoothed(frames: Sequence[Estimate]) -> list[Estimate]:
     """The estimates of an estimator, in their order, each given the readings of all.
 
-    One pass backwards over the covariances (H. E. Rauch, F. Tung, C. T. Striebel, AIAA Journal 3 (1965) 1445-1450);
-    states follow to first order. Frames that were not solved stay as they are.
+    One pass backwards, without inverse covariances, which are singular (A. E. Bryson, M. Frazier, 1963; G. J. Bierman,
+    Automatica 9 (1973) 503-508). Where a frame has the mean ``x`` and the covariance ``P`` before its readings, all
+    readings from it on make them ``x + P pull`` and ``P - P information P``. States follow to first order. Frames that
+    were not solved stay as they are.
     """
-    found, later = [replace(frame, passage=None) for frame in frames], None
+    found = [replace(frame, passage=None) for frame in frames]
+    later: tuple[Array, Array, Array] | None = None
     for k, frame in reversed(list(enumerate(frames))):
         if (now := frame.passage) is None:
             continue
-        x, covariance = now.found, now.found_covariance
+        before, jacobian, pull = now.covariance, now.jacobian, now.pull
+        inner = jacobian @ before @ jacobian.T + np.eye(len(jacobian))
+        information = jacobian.T @ np.linalg.solve(inner, jacobian)
         if later is not None:
-            next_one, of_next, next_covariance = later
-            scale = np.sqrt(np.diagonal(next_one.covariance))
-            scale[scale == 0.0] = 1.0  # of what is known
-            inverse = np.linalg.pinv(
-                next_one.covariance / np.outer(scale, scale), hermitian=True, rcond=SINGULAR
-            )
-            cross = covariance @ now.carried.T * next_one.kept
-            gain = cross / scale @ inverse / scale
-            x = x + gain @ (of_next - next_one.mean)
-            covariance = covariance + gain @ (next_covariance - next_one.covariance) @ gain.T
-            found[k] = _moved(found[k], now, x - now.found, covariance, frames[-1])
-        later = now, x, covariance
+            kept, later_pull, later_information = later
+            forward = kept[:, None] * now.carried
+            back, told = forward.T @ later_pull, forward.T @ later_information @ forward
+            after = posterior_covariance(before, jacobian)
+            found[k] = _moved(found[k], now, after @ back, after - after @ told @ after, frames[-1])
+            left = np.eye(len(before)) - information @ before
+            pull, information = pull + left @ back, information + left @ told @ left.T
+        later = now.kept, pull, information
     return found
 
 
@@ -58,7 +57,7 @@ def _moved(frame: Estimate, now: Passage, change: Array, covariance: Array, last
         frame,
         result=result,
         at=frame.at + float(change[PLACE]),
-        sigma_at=float(np.sqrt(covariance[PLACE, PLACE])),
+        sigma_at=float(np.sqrt(max(covariance[PLACE, PLACE], 0.0))),
         force=frame.force + force,
         moment=frame.moment + moment,
         force_covariance=covariance[:3, :3],

@@ -356,9 +356,10 @@ class Parameters:
     """The fitted parameters together."""
 
     names: tuple[str, ...]  # EFFECT.PARAMETER
-    standard_errors: Array  # (p,): of what is fitted, the inverse of numbers whose null value is infinite
-    correlation: Array  # (p, p): of the same
+    correlation: Array  # shape (p, p)
     profiles: tuple[Profile, ...] = ()  # of those for which the time sufficed
+    # of what is fitted: the inverse of numbers whose null value is infinite
+    standard_errors: Sequence[float] = ()
 
     def correlated(self, least: float) -> list[tuple[float, str, str]]:
         """Correlations of more than a size, with both names, the largest first."""

@@ -14,6 +14,7 @@ import tdcr_fe as tdcr
 from tdcr_fe import Spool, StepFailed
 from tdcr_fe.elements.drives import TendonDrives
 from tdcr_fe.estimate.frame import Frame
+from tdcr_fe.estimate.most_probable import posterior_covariance
 from tdcr_fe.model.loading import Actuation
 from tdcr_fe.validation.campaigns.estimate import LENGTH, RATE, model, read, readings_of, rod, run, squared
 
@@ -361,7 +362,8 @@ def test_a_force_that_stays_is_known_in_all_frames_from_the_readings_of_the_last
     found = estimator(friction=0.2, load=own, inputs=tdcr.InputPrior(sigma=0.01))
     rng = np.random.default_rng(0)
     frames = [found.step(truth.command(k), truth.positions(rng, k) if k == 5 else []) for k in range(6)]
-    last = frames[-1].passage.found_covariance[:3, :3]
+    last = frames[-1].passage
+    last = posterior_covariance(last.covariance, last.jacobian)[:3, :3]
     for frame in tdcr.smoothed(frames)[:-1]:
         np.testing.assert_allclose(frame.force, frames[-1].force, atol=1e-6)
         np.testing.assert_allclose(frame.force_covariance, last, atol=1e-8)

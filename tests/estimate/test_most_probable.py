@@ -89,7 +89,7 @@ def test_the_same_reading_again_and_again_leads_to_the_mean_of_an_unknown_factor
     """By quadrature, where the least misfit alone prefers large factors."""
     frame, volume, factors = Product(y), Volume(), []
     for _ in range(6):
-        found = most_probable(frame.solved, MEAN + volume.change_of_mean(PRIOR), PRIOR, np.zeros(2))
+        found = most_probable(frame.solved, MEAN + PRIOR @ volume.pull(PRIOR), PRIOR, np.zeros(2))
         factors.append(found.unknowns[0])
         volume = volume.renewed(found.point, PRIOR)
     a = np.linspace(-2.0, 2.0, 4001)
@@ -101,5 +101,5 @@ def test_the_same_reading_again_and_again_leads_to_the_mean_of_an_unknown_factor
 def test_the_volume_moves_the_mean_of_a_longer_frame_by_half_a_standard_deviation_at_most():
     """Slopes of a frame of 30 microseconds misled that after it, 48 ms later: the robot was lost for 9 frames."""
     volume, longer = Volume().renewed(Product(0.9).solved(MEAN), PRIOR), 100.0 * PRIOR
-    moved = volume.change_of_mean(longer)
+    moved = longer @ volume.pull(longer)
     assert moved @ np.linalg.solve(longer, moved) == pytest.approx(0.25)
