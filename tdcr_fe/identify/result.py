@@ -359,7 +359,7 @@ class Parameters:
     correlation: Array  # shape (p, p)
     profiles: tuple[Profile, ...] = ()  # of those for which the time sufficed
     # of what is fitted: the inverse of numbers whose null value is infinite
-    standard_errors: Sequence[float] = ()
+    standard_errors: tuple[float, ...] = ()
 
     def correlated(self, least: float) -> list[tuple[float, str, str]]:
         """Correlations of more than a size, with both names, the largest first."""

@@ -80,7 +80,9 @@ def conclude(search: Search, state: SearchState, begun: float = 0.0) -> Identifi
         remaining=undecided or _remaining(explained, tests),
         shapes=_shapes(problem, declared, best, held),
         residuals=Residuals(*left, outliers(best.residual), tests[:12]),
-        parameters=Parameters(tuple(map(".".join, best.free)), correlation, state.profiles, deviation.tolist()),
+        parameters=Parameters(
+            tuple(map(".".join, best.free)), correlation, state.profiles, tuple(deviation.tolist())
+        ),
         log=replace(state.log, runs=problem.forward.runs, wall_time=wall_time),
         simulated=Simulated(*models, catalogue, best.run.trajectories, problem.mesh_error),
         ceiling=ceiling,

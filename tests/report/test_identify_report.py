@@ -104,9 +104,7 @@ def test_statistics_are_those_of_lmfit():
 
 
 def test_the_printed_result_has_statistics_values_with_intervals_and_correlations():
-    linked = result(
-        GRAVITY, parameters=Parameters(("a", "b"), np.array([[1.0, -0.4], [-0.4, 1.0]]))
-    )
+    linked = result(GRAVITY, parameters=Parameters(("a", "b"), np.array([[1.0, -0.4], [-0.4, 1.0]])))
     lines = repr(linked).replace("\N{NO-BREAK SPACE}", " ").splitlines()
     values = [re.split(" {2,}", line.strip()) for line in lines]
     assert ["reduced chi-square", "900", "1.05"] in values
