@@ -102,9 +102,8 @@ class Estimator:
         given = settings or SolverSettings(tolerance=TOLERANCE), observation or Observation()
         self._problem = problem = Problem.of(effects, *given, places, of_inputs)
         law = problem.simulation.handle.actuation.law
-        of_others = np.concatenate(
-            (of_load, [of_place], of_inputs, np.zeros(np.count_nonzero(law.frictional)))
-        )
+        of_slips = np.zeros(np.count_nonzero(law.frictional))
+        of_others = np.concatenate((of_load, [of_place], of_inputs, of_slips))
         self._sigmas = np.pad(of_others, (0, len(uncertain.names)))  # of what changes from frame to frame
         self._typical = np.zeros(len(self._sigmas))
         self._typical[PLACE] = 0.5 * length if load.at == "unknown" else places[0]

@@ -81,9 +81,8 @@ class Problem:
         own = effects.experiment
         simulation = Simulation(own.robot, own.model, resolve(own.robot, own.steps), settings)
         loaded = np.array([simulation.handle.mesh.node_at(s, 1e-6) for s in places])
-        return cls(
-            effects, simulation, observation, loaded, input_sigmas, effects.derivatives(simulation.handle)
-        )
+        explicit = effects.derivatives(simulation.handle)
+        return cls(effects, simulation, observation, loaded, input_sigmas, explicit)
 
     def with_effects(self, effects: UncertainEffects) -> Problem:
         """With effects at other values."""
@@ -221,8 +220,8 @@ class Frame:
             start = base.start_of(given, compared, mean, covariance)
         attempts: list[tuple[Frame, Array, Solved | None]] = [(given, none, None)]
         if last is not None:
-            resolved = replace(given, substeps=None)  # takes long
-            attempts = [(given, start, last), *attempts, (resolved, none, None)]
+            # The last one takes long.
+            attempts = [(given, start, last), *attempts, (replace(given, substeps=None), none, None)]
         for frame, begin, near in attempts:
             found = frame._found_from(mean, covariance, begin, near)
             if found is not None and found.converged:
@@ -278,9 +277,8 @@ class Solved:
     report: LoadStepReport
     position: Position
     observed: ObservedStep
-    by_node: (
-        Response  # Derivatives by inputs, loads on all nodes that may carry it, plastic slips and parameters
-    )
+    # Derivatives by inputs, loads on all nodes that may carry it, plastic slips and parameters
+    by_node: Response
 
     @classmethod
     def of(cls, frame: Frame, unknowns: Array, report: LoadStepReport) -> Solved:
@@ -288,8 +286,7 @@ class Solved:
         problem, wound, simulation = frame.problem, frame.commands.by_displacement, frame.problem.simulation
         seen = observed(simulation, problem.observation, frame.reads_curvatures)
         # Far from the readings slack tendons count as taut: else no reading could show that they are.
-        taut = wound.any() and frame.is_far_from(seen)
-        giving = np.zeros(len(wound)) if taut else None
+        giving = np.zeros(len(wound)) if wound.any() and frame.is_far_from(seen) else None
         curvatures = frame.reads_curvatures
         by_node = Response.of(simulation, problem.loaded, problem.explicit, None, giving, curvatures)
         return cls(frame, unknowns, report, simulation.position, seen, by_node)
@@ -406,8 +403,7 @@ class Solved:
             by_node = Response.of(simulation, problem.loaded, *given)
             likely = replace(self, by_node=by_node)
         weights = np.hstack((by, by[:, history] * as_slip, by[:, inputs] * as_input))
-        jacobian = likely._of_frame[1] @ weights
-        wider = posterior_covariance(block_diag(prior, np.eye(len(slips) + m)), jacobian)
+        wider = posterior_covariance(block_diag(prior, np.eye(len(slips) + m)), likely._of_frame[1] @ weights)
         return by_node.combined(weights), wider
 
     def _change_to(self, frame: Frame, unknowns: Array) -> Array:
@@ -431,8 +427,7 @@ class Solved:
         state, response = self.position.state, self.response
         simulation, configuration = self.frame.problem.simulation, state.configuration
         moved = np.stack((response.positions @ change, response.rotations @ change), axis=1)
-        in_sections = moved @ configuration.poses[0][1]
-        twists = configuration.chains[0].changes(in_sections.reshape(-1, 6))
+        twists = configuration.chains[0].changes((moved @ configuration.poses[0][1]).reshape(-1, 6))
         most = simulation.settings.max_turn
         twists *= most / max(most, float(np.abs(twists[:, 3:]).max()))
         mobilisation = state.mobilisation[0].copy()

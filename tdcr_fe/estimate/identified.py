@@ -41,18 +41,15 @@ class Identified(NamedTuple):
                 e["effect"]: {n: p["value"] for n, p in e["parameters"].items()} for e in result["effects"]
             }
             found |= result["stand_ins"]
-            sigma, correlation = (
-                np.array(result[n], dtype=float) for n in ("standard_errors", "correlation")
-            )
+            sigma = np.array(result["standard_errors"], dtype=float)
+            correlation = np.array(result["correlation"], dtype=float)
             names, digests = result["parameters"], result["input"]
         except (OSError, ValueError, KeyError, TypeError):
-            reporter(
-                "identified", str(folder), "must be a folder with a result.json of identify (this version)"
-            )
+            allowed = "must be a folder with a result.json of identify (this version)"
+            reporter("identified", str(folder), allowed)
             return NONE_IDENTIFIED
-        if any(
-            digests.get(n) != d for n, d in (data.digests or {}).items() if n in ("robot.toml", "model.toml")
-        ):
+        own = {n: d for n, d in (data.digests or {}).items() if n in ("robot.toml", "model.toml")}
+        if any(digests.get(n) != d for n, d in own.items()):
             allowed = "must be found with the robot.toml and model.toml of this folder"
             reporter("identified", str(folder), allowed)
         listed = {e.name for e in EFFECTS}
@@ -76,9 +73,8 @@ class Identified(NamedTuple):
             changed = after
         which = [k for k, name in enumerate(self.names) if name.partition(".")[0] in acting]
         others = {name: x for name, x in sigma.items() if name not in self.names}
-        covariance = block_diag(
-            self.covariance[np.ix_(which, which)], np.diag([x**2 for x in others.values()])
-        )
+        independent = ParameterPrior.independent(others).covariance
+        covariance = block_diag(self.covariance[np.ix_(which, which)], independent)
         return ParameterPrior((*(self.names[k] for k in which), *others), covariance, acting)
 
 

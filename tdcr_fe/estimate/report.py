@@ -128,17 +128,15 @@ def _page(result: EstimateResult) -> Page:
         place = _bands(frames, at[:, :1], at[:, 1:], ["place of the force"], "arc length [m]")
         pictures.append(Picture(place, "Place over time", _BAND))
     if numbers := result.estimation.uncertain.names:
-        values, sigmas = (
-            np.array([getattr(f, n) for f in frames]) for n in ("parameters", "sigma_parameters")
-        )
+        values = np.array([f.parameters for f in frames])
+        sigmas = np.array([f.sigma_parameters for f in frames])
         drawn = _bands(frames, values, sigmas, numbers, "", shared=False)
         pictures.append(Picture(drawn, "Numbers of effects over time", _BAND))
     of_tensions = Picture(_bands(frames, tensions, sigma_tensions, names, "tension [N]"), "Tensions", _BAND)
     size = np.linalg.norm(force, axis=1)
     most = int(np.argmax(size))
     where = "at an unknown place" if unknown else f"at {quantity(frames[0].at, 'm')}"
-    motion = replace(motion_of(sequence(result)), ellipsoids=tuple(map(_ellipsoid, frames)))
-    panel = viewer.panel(motion)
+    panel = viewer.panel(replace(motion_of(sequence(result)), ellipsoids=tuple(map(_ellipsoid, frames))))
     sizes = np.linalg.norm(sigma, axis=1), sigma_tensions, 1e-3 * np.array([f.milliseconds for f in frames])
     typical = [float(np.median(x)) if x.size else 0.0 for x in sizes]
     return Page(

@@ -159,15 +159,14 @@ class Response(ObservedChange):
             Whether `curvature_rates` are needed; else they are zero, which saves a tenth of the time of a frame.
         """
         system, state, law = simulation.system, simulation.state, simulation.handle.actuation.law
-        target, mobilisation = state.target, state.mobilisation[0]
-        share = np.where(np.abs(mobilisation) < 1.0 - ACCEPTED, 1.0, 0.0)
+        share = np.where(np.abs(state.mobilisation[0]) < 1.0 - ACCEPTED, 1.0, 0.0)
         if sticking is not None:
             share[law.frictional] = sticking
         sticks = share > 0.0
         linear, winds = simulation.linearization(), simulation.handle.actuation.drives.winds
         if giving is not None and isinstance(linear.factorisation, BorderedFactors):
             linear = linear._replace(factorisation=linear.factorisation.giving_way(giving[winds]))
-        solved = SolvedPoint.of(system, state, target, sticking=(sticks,), linearization=linear)
+        solved = SolvedPoint.of(system, state, state.target, sticking=(sticks,), linearization=linear)
         solved = replace(solved, flexibility=(solved.flexibility[0] / np.where(sticks, share, 1.0),))
         changes = solved.respond((_disturbance(solved.forces[0], state, loaded, explicit),))
         tendons, (positions, rotations) = changes.tendons[0], state.configuration.poses[0]
@@ -215,22 +214,18 @@ def _disturbance(
     first = m + 6 * len(loaded)
     found = Disturbance.none(own, first + k + explicit.arc_lengths.shape[1])
     found.inputs[:, :m] = np.eye(m)
-    rotations = state.configuration.poses[0][1]
+    configuration = state.configuration
+    positions, rotations = configuration.poses[0]
     for j, node in enumerate(loaded):
         turn, start = rotations[node].T, m + 6 * j
         found.wrenches[6 * node : 6 * node + 3, start : start + 3] = turn
         found.wrenches[6 * node + 3 : 6 * node + 6, start + 3 : start + 6] = turn
     found.slip[(*np.nonzero(frictional), first + np.arange(k))] = 1.0
     if count := explicit.arc_lengths.shape[1]:
-        configuration, history, none = (
-            state.configuration,
-            state.friction[0],
-            np.zeros((*frictional.shape, count)),
-        )
+        history, none = state.friction[0], np.zeros((*frictional.shape, count))
         rate = np.zeros(frictional.shape) if history.slip_rate is None else history.slip_rate
-        point = RobotPoint(
-            *configuration.poses[0], configuration.twists[0], state.base_tension[0], state.mobilisation[0]
-        )
+        solved = configuration.twists[0], state.base_tension[0], state.mobilisation[0]
+        point = RobotPoint(positions, rotations, *solved)
         still = Inherited(none, none, np.zeros(count), np.zeros(count))
         values = explicit.at(own, point, rate, (history.time, state.time), still)
         found.wrenches[:, first + k :] = values.wrenches.reshape(-1, count)

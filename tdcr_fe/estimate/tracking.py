@@ -146,12 +146,10 @@ class Tracker:
     def _nearest(self, target: TipTarget, acting: Actuation, until: float) -> tuple[Trial, float] | None:
         """The trial step from the estimated state that comes nearest in time, and its error [m]; None without any."""
         simulation, own = self.estimator.simulation, self.estimator.experiment
-        if (
-            self._trials is None or self._trials.simulation is not simulation
-        ):  # also at other values of effects
+        # A new one also at other values of effects.
+        if self._trials is None or self._trials.simulation is not simulation:
             loads = {name: load for step in own.steps for name, load in step.loads.items()}
-            steps = LoadStep(loads=loads), LoadStep()
-            self._trials = TrialSteps(simulation, replace(own, steps=steps))
+            self._trials = TrialSteps(simulation, replace(own, steps=(LoadStep(loads=loads), LoadStep())))
         position, (lowest, highest) = simulation.position, self._bounds
         tensions = position.state.base_tension[0]
         near = (tensions - self._change, tensions + self._change)

@@ -54,7 +54,7 @@ class UncertainEffects:
 
     def sigmas(self, errors: Array, variances: Array) -> Array:
         """Standard deviations of `values` from the variances of the errors, shape (q,)."""
-        inverse = np.array([p.inverse for p in self._parameters], dtype=bool)
+        inverse = [p.inverse for p in self._parameters]
         return np.sqrt(variances) * np.where(inverse, self.values(errors) ** 2, 1.0)
 
     def moved(self, errors: Array) -> UncertainEffects:
@@ -73,12 +73,11 @@ class UncertainEffects:
             A number changes neither robot nor model, or decides whether a hole has friction.
         """
         present, near = models_around(handle, self.experiment, self._chosen)
+        frictional = present.forces.law.frictional
         for number, p in enumerate(self._chosen):
             models = near[number].models
             if all(model is present for model in models):
                 raise ValueError(f"{p.name} is uncertain; must be a number of the robot or the model")
-            if any(
-                not np.array_equal(m.forces.law.frictional, present.forces.law.frictional) for m in models
-            ):
+            if any(not np.array_equal(m.forces.law.frictional, frictional) for m in models):
                 raise ValueError(f"{p.name} is uncertain; must not decide whether there is friction")
         return ExplicitDerivatives(present, near, len(self._chosen))

@@ -50,9 +50,8 @@ def test_small_force_bends_a_cantilever():
     What the residual bending flexibility makes of an element whose strain is constant.
     """
     f = 1e-6
-    robot = Robot(BACKBONE, Disks((LENGTH,)), ())
     for k in (1, 2, 3, 8):
-        step = loaded(robot, k, force=(f, 0.0, 0.0))
+        step = loaded(Robot(BACKBONE, Disks((LENGTH,)), ()), k, force=(f, 0.0, 0.0))
         s, tangent = step.s, step.rotations[:, :, 2]
         across = f * s**2 * (3 * LENGTH - s) / (6 * EI) + f * s / GA
         slope = f * s * (2 * LENGTH - s) / (2 * EI)
@@ -116,15 +115,14 @@ class Tube(Backbone):
 
 def test_another_section_takes_its_area_and_second_moment_alone():
     """A tube against a rod with the tube's stiffnesses and mass declared."""
-    solid = Backbone(LENGTH, 0.4e-3, 85e9, 0.3, 5600.0)
     tube = Tube(LENGTH, 0.4e-3, 85e9, 0.3, 5600.0, bore=0.3e-3)
-    assert pytest.approx(solid.EI * (1 - 0.75**4)) == tube.EI
+    assert pytest.approx(BACKBONE.EI * (1 - 0.75**4)) == tube.EI
     stiffness = {"bending_stiffness": tube.EI, "torsional_stiffness": tube.GJ}
     stiffness |= {"axial_stiffness": tube.EA, "shear_stiffness": tube.GA}
-    declared = replace(solid, density=5600.0 * tube.area / solid.area, **stiffness)
+    declared = replace(BACKBONE, density=5600.0 * tube.area / BACKBONE.area, **stiffness)
     a, b = (solve(paper(0.3, backbone=x), pull(0.5, 0.2), gravity=(9.81, 0.0, 0.0)) for x in (tube, declared))
     assert distance(a.tips, b.tips) < 1e-12
     assert distance(a.tips, solve(paper(0.3), pull(0.5, 0.2), gravity=(9.81, 0.0, 0.0)).tips) > 0.05
     # Of the rotary inertia, the hole takes the fourth power of the radii.
-    inertia = [build_mesh(paper(backbone=x), Model())[0].rotary_inertia for x in (tube, solid)]
+    inertia = [build_mesh(paper(backbone=x), Model())[0].rotary_inertia for x in (tube, BACKBONE)]
     assert inertia[0] == pytest.approx((1 - 0.75**4) * inertia[1])

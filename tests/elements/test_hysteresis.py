@@ -29,8 +29,7 @@ def test_the_loop_of_dahl_is_its_closed_form(amplitude):
     delta, base = 1e-4, np.array([2.0, 1.0])
     law = tendon_law(FRICTION_MODELS["per-hole"], 0.3, presliding=delta, hysteresis=Dahl)
     state, slips, friction = law.initial_state(), [], []
-    way = np.linspace(0.0, 2.0 * np.pi, 4001)
-    for turn in np.concatenate([way[1:]] * 6):
+    for turn in np.tile(np.linspace(0.0, 2.0 * np.pi, 4001)[1:], 6):
         lengths = LENGTHS.copy()
         lengths[0, 3] -= amplitude * delta * np.sin(turn)
         state = law.commit(law.evaluate(base, CableShape(lengths, ANGLES), state))
@@ -110,10 +109,9 @@ def test_a_step_of_dahl_is_divided_though_its_halves_end_where_the_whole_does():
 
 def test_mobilisations_of_elastic_tendons_are_those_of_their_slips_after_any_reversal():
     """Over 300 random tensions. Newton's method for the mobilisations left an error of 0.04, and of 2 in a robot."""
-    rng = np.random.default_rng(0)
     law = tendon_law(FRICTION_MODELS["per-hole"], compliance=5e-4, hysteresis=Dahl)
     state, worst = law.initial_state(), 0.0
-    for tension in rng.uniform(0.2, 3.0, (300, 2)):
+    for tension in np.random.default_rng(0).uniform(0.2, 3.0, (300, 2)):
         field = law.evaluate(tension, CableShape(LENGTHS, 3.0 * ANGLES), state)
         there = np.clip(law.hysteresis.trial(field.slip, state), -1.0, 1.0)
         worst = max(worst, np.abs(there - field.mobilisation).max())
@@ -163,5 +161,4 @@ def test_for_a_short_presliding_distance_both_laws_give_the_same():
     steps = [LoadStep("", dict(zip(robot.tendon_names, row, strict=True))) for row in rows]
     steps.append(replace(steps[-1], loads=loads))
     tips = [solve(robot, steps, gravity=(1.0, 2.0, -9.0), hysteresis=kind).tips for kind in HYSTERESES]
-    assert len(tips[1]) == 4
     assert distance(tips[1], tips[0]) < 1e-4

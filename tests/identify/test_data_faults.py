@@ -33,15 +33,14 @@ def fault_of(data):
     return data_fault(state.problem, state.declared)
 
 
-def check(data, words):
-    """The fault is described by these words; there is none where they are empty."""
-    found = fault_of(data)
+def check(found, words):
+    """A fault is described by these words; there is none where they are empty."""
     assert words in found and bool(words) == bool(found)
 
 
 def changed(data, change):
     """The data with readings replaced; those for which the change gives None are left out."""
-    return replace(data, readings=tuple(r for r in [change(r) for r in data.readings] if r is not None))
+    return replace(data, readings=tuple(filter(None, map(change, data.readings))))
 
 
 def exchange_axes(r):
@@ -85,7 +84,7 @@ def standing_still():
 )  # fmt: skip
 def test_a_fault_of_the_readings_is_named(clean, change, words):
     """Each would leave an error of many sigma that a listed effect removes in part."""
-    check(changed(clean, change), words)
+    check(fault_of(changed(clean, change)), words)
 
 
 def test_a_marker_where_no_backbone_reaches_is_named_before_anything_is_solved(clean):
@@ -110,13 +109,12 @@ def test_a_marker_where_no_backbone_reaches_is_named_before_anything_is_solved(c
 )
 def test_faults_of_what_is_read_of_tendons_are_named(clean, quantity, factor, numbers, words):
     """27 outliers were listed; a load cell that read zero while another tendon was pulled was called stuck."""
-    steps = simulate(clean.robot, clean.model, clean.steps).steps
     tensions = quantity == "base_tension"
     read, sigma = [], 1e-2 if tensions else 1e-4
-    for n, step in zip(clean.step_ids, steps, strict=True):
+    for n, step in zip(clean.step_ids, simulate(clean.robot, clean.model, clean.steps).steps, strict=True):
         values = (factor * (step.base_tensions if tensions else step.displacements)).tolist()
         read += [Reading(n, quantity, f"t{k}", x, sigma) for k, x in zip(numbers, values, strict=True)]
-    check(replace(clean, readings=(*clean.readings, *read)), words)
+    check(fault_of(replace(clean, readings=(*clean.readings, *read))), words)
 
 
 def test_of_a_symmetric_robot_exchanged_tendons_are_named_beside_exchanged_axes():
@@ -142,13 +140,12 @@ def test_forces_of_the_other_sign_are_named(clean):
     other = [replace(s, loads={"tip": Load(0.2, (0.0, -0.02 * (k % 3), 0.0))}) for k, s in numbered]
     read = positions(Experiment(clean.robot, clean.model, tuple(pushed)))
     for steps, words in ((other, "forces at the tip have the opposite sign"), (pushed, "")):
-        check(data_of(steps, read, clean.robot), words)
+        check(fault_of(data_of(steps, read, clean.robot)), words)
 
 
 def test_tendons_moved_on_by_one_are_named():
     angles = {"t0": 0.0, "t1": 110.0, "t2": 250.0}
-    tendons = tuple(Tendon(name, ParallelRouting(4.5e-3, a)) for name, a in angles.items())
-    robot = replace(ROBOT, tendons=tendons)
+    robot = replace(ROBOT, tendons=tuple(Tendon(n, ParallelRouting(4.5e-3, a)) for n, a in angles.items()))
     pulls = [(name, tension) for name in angles for tension in (0.4, 0.8, 1.2)]
     real = {"t0": "t2", "t1": "t0", "t2": "t1"}
     readings = seen([LoadStep(tensions={real[n]: t}) for n, t in pulls], robot)
@@ -157,9 +154,8 @@ def test_tendons_moved_on_by_one_are_named():
 
 
 def test_exchanged_curvatures_are_named(clean):
-    run = simulate(ROBOT, clean.model, clean.steps)
     read = []
-    for n, step in zip(clean.step_ids, run.steps, strict=True):
+    for n, step in zip(clean.step_ids, simulate(ROBOT, clean.model, clean.steps).steps, strict=True):
         kappa = ObservedStep.of(step, ROBOT.tendon_names, clean.observation).curvature(np.array([0.11]))[0]
         read += [Reading(n, f"curvature_{'yx'[k]}", 0.11, float(kappa[k]), 0.1) for k in (0, 1)]
     assert "x = curvature_y, y = curvature_x" in fault_of(replace(clean, readings=tuple(read)))
@@ -173,7 +169,7 @@ def test_displacements_driven_with_the_other_sign_are_named_beside_their_errors(
     noise = np.random.default_rng(1).normal(0.0, 5e-5, pulls.shape)
     moved = ((pulls + noise).tolist(), (sign * pulls).tolist())
     true, given = ([LoadStep(displacements={"t1": a, "t2": b}) for a, b in x] for x in moved)
-    check(data_of(given, seen(true)), words)
+    check(fault_of(data_of(given, seen(true))), words)
 
 
 @pytest.mark.parametrize(("model", "first"), [(MODEL, 0), (MODEL, 7), (FRICTIONAL, 7)])
@@ -212,8 +208,7 @@ def test_every_reading_counts_by_its_own_sigma(clean):
 def test_wrong_sigma_is_named(clean, factor, words):
     """Ten times too small: the scatter has no order. Ten times too large: it may hide what is missing."""
     state = begun(changed(clean, lambda r: replace(r, sigma=factor * r.sigma)))
-    found = wrong_sigma(state.problem, state.declared)
-    assert words in found and bool(words) == bool(found)
+    check(wrong_sigma(state.problem, state.declared), words)
 
 
 def test_few_markers_that_are_far_off_are_gross_errors_where_all_others_leave_noise(clean):

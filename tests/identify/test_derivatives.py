@@ -126,12 +126,11 @@ def residual_along(about: FitProblem, experiment: Experiment, path) -> np.ndarra
 
 def difference(about: FitProblem, effects: tuple, values: dict, name: tuple, run, h: float) -> np.ndarray:
     """Central difference of the predictions by a coordinate, along the substeps of a run."""
-    points = [about.moved(effects, values, [name], np.array([x])) for x in (h, -h)]
     found = []
-    for point in points:
-        moved = about.with_effects(effects, point)
-        along = (replace(run.trajectories[0], ends=moved.step_ends),)  # the same substeps of divided steps
-        found.append(residual_along(about, moved, along))
+    for x in (h, -h):
+        moved = about.with_effects(effects, about.moved(effects, values, [name], np.array([x])))
+        # The same substeps of divided steps.
+        found.append(residual_along(about, moved, (replace(run.trajectories[0], ends=moved.step_ends),)))
     return (found[1] - found[0]) / (2.0 * h)
 
 
@@ -257,9 +256,8 @@ class Own(type(effect("actuator_gain"))):  # type: ignore[misc]
 
 
 def test_an_effect_without_exact_derivatives_is_differenced_and_named() -> None:
-    about = problem("tension")
     values, gains = {"actuator_gain": {"gain": 1.0}}, (effect("actuator_gain"), Own())
     requests = [Request((e,), values, (Column(e, "gain", {"gain": 1.0}, 1e-4),)) for e in gains]
-    exact, found = linearize(about, requests)
+    exact, found = linearize(problem("tension"), requests)
     assert found.differenced == {0: "it declares no exact derivatives"}
     assert np.allclose(found.matrix, exact.matrix, rtol=0.0, atol=1e-2 * np.max(np.abs(exact.matrix)))

@@ -30,7 +30,7 @@ from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
 def test_steps_held_out_are_whole_branches():
     data = measured()
     held = choose_held_out(data)
-    assert held and all(b <= set(held) or not b & set(held) for b in [set(b) for b in blocks(data)])
+    assert held and all(b <= set(held) or not b & set(held) for b in map(set, blocks(data)))
     assert 0.1 < len(held) / len(data.steps) < 0.5
     assert choose_held_out(replace(data, branches=("load",) * 5 + ("unload",) * 6)) == (5, 6, 7, 8, 9, 10)
 
@@ -253,9 +253,8 @@ def test_a_rod_without_tendons_is_identified():
 def test_a_path_is_taken_to_another_mesh_with_the_twist_of_the_backbone():
     """The sum of the elements' twists is that of the whole backbone; holes and tendons have the same states."""
     about = measured(robot=ROBOT, model=FRICTIONAL).experiment
-    run = simulated(about, 1e-4, record=True)
+    (own,) = simulated(about, 1e-4, record=True).trajectories
     finer = with_elements(about, 3)
-    (own,) = run.trajectories
     moved = own.on_mesh(mesh_nodes(finer))
     for before, after in zip(own.waypoints, moved.waypoints, strict=True):
         for a, b in zip(before, after, strict=True):

@@ -42,12 +42,11 @@ def test_an_ambiguity_is_separated_by_the_experiment_that_was_chosen(ambiguous):
     data = ambiguous.problem.data
     ids, places = (1, 2, 3), (0.1, LENGTH)
     readings = [Reading(n, f"position_{a}", s, 0.0, 3e-4) for n in ids for s in places for a in "xyz"]
-    reader = Readings.of(readings, ids, data.robot.tendon_names)
 
     def predicted(effects):
         model = replace(data.model, elements_per_bay=2)
         experiment = with_effects(Experiment(data.robot, model, planned.steps), effects)
-        return reader.read(simulated(experiment), experiment)
+        return Readings.of(readings, ids, data.robot.tendon_names).read(simulated(experiment), experiment)
 
     seen = predicted(TRUTH) + np.random.default_rng(3).normal(0.0, 3e-4, len(readings))
     two = [predicted({f.names[0]: f.values[f.names[0]]}) for f in (ambiguous.best, rival)]

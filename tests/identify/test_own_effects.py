@@ -41,8 +41,8 @@ def test_the_example_of_the_page_is_found_and_runs(example, tmp_path, capsys):
         estimate = found["parameters"][name]
         assert abs(estimate["value"] - true) < 4.0 * estimate["std_error"] < 0.01
     capsys.readouterr()
-    run = ["run", str(out / "effects.toml"), "-o", str(tmp_path / "run")]
-    assert main(run) == 2  # without the option the scenario names an unknown effect
+    # Without the option the scenario names an unknown effect.
+    assert main(["run", str(out / "effects.toml"), "-o", str(tmp_path / "run")]) == 2
     assert "effects.cable_pull" in capsys.readouterr().err
     steps = tips_of_run(out / "effects.toml", tmp_path / "run", *option)
     tips = [r for r in data.readings if r.location == LENGTH and r.quantity == "position_x"]

@@ -75,9 +75,8 @@ def test_the_turning_point_of_every_chosen_branch_stays(chosen):
     """Between pull and release, friction changes its sign: without that step, the history would be another."""
     data, _, found = chosen
     for name in {data.branches[k] for k in found.steps}:
-        own = [k for k in found.steps if data.branches[k] == name]
         pulls = {k: max(data.steps[k].tensions.values()) for k, b in enumerate(data.branches) if b == name}
-        assert max(pulls, key=pulls.get) in own
+        assert max(pulls, key=pulls.get) in found.steps
 
 
 def test_data_that_turn_at_every_step_keep_pieces_without_gaps():

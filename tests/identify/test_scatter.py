@@ -158,9 +158,8 @@ def test_large_errors_of_a_few_steps_are_found_there_and_are_no_noise_of_the_inp
 
 def test_declared_errors_of_the_inputs_make_their_scatter_noise():
     """Without them the same data are no noise; the residual then has a variance of one, step by step."""
-    scattered = data(1.0, 0.02 * np.random.default_rng(4).normal(size=(len(PULLS), 2)))
-    declared = replace(scattered, input_sigma=(0.02, 0.02))
-    for measured, noise in ((scattered, False), (declared, True)):
+    scattered = data(1.0, errors(0.02, len(PULLS), seed=4))
+    for measured, noise in ((scattered, False), (replace(scattered, input_sigma=(0.02, 0.02)), True)):
         state = begun(measured)
         assert residual_is_noise(state.problem, state.declared, 1e-3) == noise
     r = state.declared.residual
@@ -188,8 +187,8 @@ def test_errors_of_the_inputs_are_read_and_written(tmp_path):
 @pytest.mark.integration
 def test_an_effect_is_found_beside_declared_errors_of_the_inputs():
     """They move a robot with its weight in another way than without: more than noise was left."""
-    own = 0.02 * np.random.default_rng(4).normal(size=(len(PULLS), 2))
-    found = identify(replace(data(1.0, own, truth=GRAVITY), input_sigma=(0.02, 0.02)))
+    scattered = data(1.0, errors(0.02, len(PULLS), seed=4), truth=GRAVITY)
+    found = identify(replace(scattered, input_sigma=(0.02, 0.02)))
     assert (found.verdict, [e.name for e in found.effects]) == ("explained", ["gravity"])
     for name, value in GRAVITY["gravity"].items():
         estimate = found.effects[0].parameters[name]

@@ -204,11 +204,10 @@ def test_no_pair_is_simulated_whose_second_effect_cannot_show():
 
 
 @pytest.mark.parametrize(("share", "worthwhile"), [(0.85, True), (0.95, False)])
-def test_many_effects_must_each_remove_a_tenth_on_held_out_steps(share, worthwhile):
-    state = state_of(problem_of(measured(), held=(2, 4, 6)))
+def test_many_effects_must_each_remove_a_tenth_on_held_out_steps(begun, share, worthwhile):
     gravity, costs = (effect("gravity"),), ((100.0, 4), (100.0 * share, 5))
-    fits = [replace(state.declared, held_cost=x, effects=gravity * n) for x, n in costs]
-    state = replace(state, best=fits[0])
+    fits = [replace(begun.declared, held_cost=x, effects=gravity * n) for x, n in costs]
+    state = replace(begun, best=fits[0])
     assert _worthwhile(state, fits[1]) is worthwhile
     assert _worthwhile(state, replace(fits[1], effects=fits[1].effects[:4]))
 

@@ -43,13 +43,11 @@ def test_search_without_time_ends_with_the_first_effect_and_says_what_is_not_tri
 def test_a_fit_ends_where_it_is_when_the_time_is_over():
     """A fit in the search of places once ran for minutes on robots that cannot be solved."""
     own = problem(ForwardModel())
-    gravity = effect("gravity")
     start = {"gravity": {"g_x": 1.0, "g_y": 0.0, "g_z": 0.0}}
 
     def fitted(deadline):
-        race = fitting.Race(deadline=deadline)
-        now = yield from fitting.begin(own, (gravity,), start)
-        return (yield from fitting.descend(own, now, race))
+        now = yield from fitting.begin(own, (effect("gravity"),), start)
+        return (yield from fitting.descend(own, now, fitting.Race(deadline=deadline)))
 
     (ended,) = fitting.run_fits(own, [fitted(0.0)])
     (whole,) = fitting.run_fits(own, [fitted(float("inf"))])

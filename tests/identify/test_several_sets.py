@@ -63,10 +63,8 @@ def test_where_a_sequence_is_not_solved_the_run_is_not():
 def sets():
     """The same loading twice, the second time only its first eight steps, with other noise; an offset is declared."""
     known = {"marker_offset": {"offset_z_marker_2": 0.0}}
-    a = replace(measured(GRAVITY), name="A", effects=known)
-    b = measured(GRAVITY, seed=5)
-    b = replace(b, name="B", effects=known, readings=tuple(r for r in b.readings if r.step <= 8))
-    return a, b
+    a, b = (replace(measured(GRAVITY, seed=n), name=x, effects=known) for x, n in (("A", 0), ("B", 5)))
+    return a, replace(b, readings=tuple(r for r in b.readings if r.step <= 8))
 
 
 def test_joined_sets_keep_their_readings_branches_and_begin_anew():
@@ -103,8 +101,7 @@ def test_sets_of_different_robots_are_refused_by_what_differs(change, text):
 def test_the_command_finds_shared_effects_and_gives_the_errors_of_each(tmp_path):
     for data in sets():
         write_measured(data, tmp_path / data.name)
-    out = tmp_path / "out"
-    folders = [str(tmp_path / n) for n in "AB"]
+    out, folders = tmp_path / "out", [str(tmp_path / n) for n in "AB"]
     assert main(["identify", *folders, "-o", str(out), "-q", "--processes", "1"]) == 0
     document = json.loads((out / "result.json").read_text())
     assert document["verdict"] == "explained" and document["dataset"] == "A + B"

@@ -39,6 +39,11 @@ def load_of(term, most=1.0):
     return StateLoad(term.key, Kind(*term.kind), numbers, tuple(a for *_, a in term.actions), "")
 
 
+def under(problem, load, values):
+    """The run with a load that depends on the state, in balance with it."""
+    return linearize(problem, [Request((load,), {load.name: values}, ())])[0].run
+
+
 @pytest.mark.parametrize("when", ["from row 7 on", "before row 7"])
 def test_loads_begin_and_end_with_a_row(when):
     problem, run, causes = declared()
@@ -125,10 +130,8 @@ def test_the_response_to_an_action_is_exact():
 def test_a_load_is_derived_with_what_friction_remembers_of_it():
     """Against central differences of whole runs; the response of each load step alone is far from them."""
     problem = problem_of(measured(robot=ROBOT.with_tendons(friction_coefficient=3.0), model=FRICTIONAL))
-    load, none = (
-        load_of(TERMS["bending stiffness that changes with the sum of the tensions"]),
-        {"coefficient": 0.0},
-    )
+    load = load_of(TERMS["bending stiffness that changes with the sum of the tensions"])
+    none = {"coefficient": 0.0}
     request = Request((), {}, (Column(load, "coefficient", none, 1.0),))
     found, by_step = (linearize(problem, [request._replace(history=x)])[0] for x in (True, False))
     state, h = found.run.bays, 1e-6
@@ -160,7 +163,7 @@ def test_dry_friction_holds_the_arc_back_by_one_moment():
     _, problem = bent_by(moments)
     load = DryBending(EI / LENGTH, LENGTH)
     values = {"moment": -friction, "within": within}
-    run = linearize(problem, [Request((load,), {load.name: values}, ())])[0].run
+    run = under(problem, load, values)
     slid = (moments + friction * np.array([-1.0, -1.0, 0.0, 1.0])) / EI
     slid[2] = slid[1] + (moments[2] - moments[1]) / (EI + friction / within)
     for bay in run.bays.curvature[..., 1].T:
@@ -183,7 +186,7 @@ def test_what_yields_keeps_a_share_of_its_curvature():
     _, problem = bent_by(moments)
     load = PermanentSet(EI / LENGTH, 5.0)
     values = {"coefficient": c, "limit": limit}
-    run = linearize(problem, [Request((load,), {load.name: values}, ())])[0].run
+    run = under(problem, load, values)
     farthest = (moments[1] - c * limit) / (EI - c)
     back = (moments[3] + c * limit) / (EI - c)
     left = np.array([0.0, farthest - limit, farthest - limit, back + limit, back + limit])
@@ -211,8 +214,8 @@ def test_what_relaxes_follows_its_curvature_with_time():
         np.testing.assert_allclose(bay, 0.2 * EI * np.tile(held, 2), rtol=1e-12, atol=1e-12)
     softer = load.action(path, values) - causes["relaxation, stiffness at rest"].action(path, values)
     np.testing.assert_allclose(softer[..., :3], 0.2 * EI * path.curvature, atol=1e-15)
-    last = linearize(problem, [Request((load,), {load.name: values}, ())])[0].run
-    np.testing.assert_allclose(last.bays.curvature[1, :, 1], 2.0 / (1.0 - 0.2), rtol=2e-3)
+    last = under(problem, load, values).bays.curvature[1, :, 1]
+    np.testing.assert_allclose(last, 2.0 / (1.0 - 0.2), rtol=2e-3)
 
 
 def test_bending_that_is_coupled_with_twist_winds_the_rod():
@@ -220,8 +223,7 @@ def test_bending_that_is_coupled_with_twist_winds_the_rod():
     backbone = ROBOT.backbone
     c, moment = 0.4 * backbone.GJ, 1e-3 * backbone.EI
     _, problem = bent_by((moment,))
-    load = causes_of(problem)[1]["bending coupled with twist"]
-    run = linearize(problem, [Request((load,), {load.name: {"xz": 0.0, "yz": c}}, ())])[0].run
+    run = under(problem, causes_of(problem)[1]["bending coupled with twist"], {"xz": 0.0, "yz": c})
     kappa = moment / (backbone.EI - c**2 / backbone.GJ)
     for bay in run.bays.curvature[0]:
         np.testing.assert_allclose(bay, (0.0, kappa, -c / backbone.GJ * kappa), rtol=1e-3, atol=1e-3 * kappa)
@@ -237,9 +239,7 @@ def test_viscous_drag_holds_the_tip_back_by_its_velocity():
     free, causes = causes_of(problem)
     assert all(len({p.name for p in e.parameters}) == len(e.parameters) > 0 for e in causes.values())
     load, still = causes["viscous drag (tip)"], free.bays.moved[1, -1, 0]
-    run = linearize(problem, [Request((load,), {load.name: {"coefficient": 20.0 * force / still}}, ())])[
-        0
-    ].run
+    run = under(problem, load, {"coefficient": 20.0 * force / still})
     expected = [0.0]
     for passed in np.diff(times):
         expected.append((still + 20.0 / passed * expected[-1]) / (1.0 + 20.0 / passed))
@@ -260,8 +260,7 @@ def test_a_tendon_that_loses_all_its_tension_ends_there():
     """But for its course in a bay, which is straight from hole to hole."""
     problem, run, causes = declared()
     at = float(run.bays.edges[2])
-    load = causes[f"lost tension (tendon t1, from s = {at:.4g} m on)"]
-    lost = linearize(problem, [Request((load,), {load.name: {"share": 1.0}}, ())])[0].run
+    lost = under(problem, causes[f"lost tension (tendon t1, from s = {at:.4g} m on)"], {"share": 1.0})
     robot = replace(ROBOT, tendons=(replace(ROBOT.tendons[0], end=at), *ROBOT.tendons[1:]))
     (shorter,) = problem.run([Job(replace(problem.experiment, robot=robot))])
     off, all_of_it = (np.abs(x.positions - shorter.positions).max() for x in (lost, run))
@@ -285,9 +284,8 @@ def test_a_hardening_law_holds_in_the_arc_that_a_moment_gives():
     moment = 4.0 * ROBOT.backbone.EI
     rod, problem = bent_by((0.5 * moment, moment))
     load, c = load_of(HARDENING), 0.25 * rod.backbone.EI / 4.0
-    values = {load.name: {"coefficient": -c}}
-    run = linearize(problem, [Request((load,), values, ())])[0].run
-    gap = load.action(run.bays, values[load.name]) - run.acted.action.values
+    run = under(problem, load, {"coefficient": -c})
+    gap = load.action(run.bays, {"coefficient": -c}) - run.acted.action.values
     assert np.abs(gap).max() <= 1e-5 * rod.backbone.EI / LENGTH
     for k, share in enumerate((0.5, 1.0)):
         kappa = (-rod.backbone.EI + np.sqrt(rod.backbone.EI**2 + 4.0 * c * share * moment)) / (2.0 * c)
@@ -407,9 +405,8 @@ def test_a_stiffness_that_differs_by_side_acts_where_the_curvature_has_the_sign(
     kappa = np.linspace(-2.0, 3.0, run.bays.curvature.size).reshape(run.bays.curvature.shape)
     bent = replace(run.bays, curvature=kappa)  # bent to all sides
     (sides,) = [e for e in dictionary(problem, bent) if e.name == "bending stiffness by side"]
-    values = {"x_plus": 2.0, "x_minus": -1.0, "y_plus": 0.0, "y_minus": 3.0}
     x, y = kappa[..., 0], kappa[..., 1]
-    action = sides.action(bent, values)
+    action = sides.action(bent, {"x_plus": 2.0, "x_minus": -1.0, "y_plus": 0.0, "y_minus": 3.0})
     np.testing.assert_allclose(action[..., 0], np.where(x > 0.0, -2.0, 1.0) * x)
     np.testing.assert_allclose(action[..., 1], np.where(y > 0.0, 0.0, -3.0) * y)
     assert not np.any(action[..., 2:])

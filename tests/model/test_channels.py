@@ -49,9 +49,8 @@ def test_angles_and_offset_of_an_arc():
     assert predicted("bending_angle", step) == pytest.approx(KAPPA * LENGTH)
     assert predicted("chord_angle", step) == pytest.approx(0.5 * KAPPA * LENGTH)
     assert predicted("tip_offset", step) == pytest.approx((1.0 - math.cos(KAPPA * LENGTH)) / KAPPA)
-    assert predicted("tendon_displacement", step, "t1") == 1e-3
-    assert predicted("base_tension", step, "t1") == 0.9
-    assert predicted("distal_tension", step, "t1") == 0.7
+    for quantity, value in {"tendon_displacement": 1e-3, "base_tension": 0.9, "distal_tension": 0.7}.items():
+        assert predicted(quantity, step, "t1") == value
 
 
 def test_curvature_belongs_to_the_section_and_not_to_the_measuring_frame():

@@ -245,8 +245,7 @@ def test_strain_of_a_solved_arc_is_curvature_times_radius():
         moment = strain / thick.radius * thick.EI
         with warnings_to():
             steps = [LoadStep(loads={"m": Load(LENGTH, moment=(0.0, moment, 0.0))})]
-            result = solve(robot, steps, friction="none")
-        found = strain_warnings(robot, result.steps)
+            found = strain_warnings(robot, solve(robot, steps, friction="none").steps)
         assert len(found) == count
     assert f"by {100 * strain:.3g} %" in found[0] and found[0].startswith("step 1: bending strains")
 
@@ -256,7 +255,6 @@ def test_the_turn_of_a_base_that_gives_way_is_no_strain_of_the_backbone():
     moment = 0.05 * BACKBONE.EI / BACKBONE.radius
     robot = Robot(BACKBONE, Disks.equally_spaced(13, LENGTH, radius=5e-3), base_stiffness=moment / 0.5)
     result = solve(robot, [LoadStep(loads={"m": Load(LENGTH, moment=(0.0, moment, 0.0))})], friction="none")
-    assert result.converged
     assert strain_warnings(robot, result.steps) == []
 
 

@@ -53,11 +53,11 @@ def test_holes_are_where_the_angle_in_degrees_and_the_offset_say(routing, expect
 
 def test_what_a_step_does_not_name_stays_as_it_was():
     """Inputs of the other tendon, how it is driven, loads and time."""
-    robot = robot_with(*(Tendon(n, routings.ParallelRouting(4e-3, x)) for n, x in (("a", 0.0), ("b", 180.0))))
+    tendons = (Tendon(n, routings.ParallelRouting(4e-3, x)) for n, x in (("a", 0.0), ("b", 180.0)))
     push, couple = Load(0.2, (0.0, 0.05, 0.0)), Load(0.1, moment=(1e-3, 0.0, 0.0))
     pushed = LoadStep(tensions={"a": 1.5}, loads={"push": push}, time=2.0)
     bent = LoadStep(tensions={"a": 0.5}, loads={"couple": couple})
-    _, second, third = resolve(robot, [pushed, LoadStep(displacements={"b": 1e-3}), bent])
+    _, second, third = resolve(robot_with(*tendons), [pushed, LoadStep(displacements={"b": 1e-3}), bent])
     assert second.values.tolist() == [1.5, 1e-3] and second.by_displacement.tolist() == [False, True]
     assert dict(second.loads) == {"push": push} and second.time == 2.0
     assert third.values.tolist() == [0.5, 1e-3] and set(third.loads) == {"push", "couple"}
@@ -126,8 +126,7 @@ class TiltedDisks(routings.Routing):
 
 def test_holes_of_tilted_disks_lie_in_the_plane_of_the_disk():
     """The normal of a tilted disk is (tilt_y, -tilt_x, 1) to first order; the base plate stays upright."""
-    robot = paper(0.3)
-    robot = robot.with_tendons(routing=TiltedDisks(routings.ParallelRouting(4.5e-3, 30.0), 0.1, -0.2))
+    robot = paper(0.3).with_tendons(routing=TiltedDisks(routings.ParallelRouting(4.5e-3, 30.0), 0.1, -0.2))
     points = robot.hole_points(robot.tendons[0])
     assert points[1:] @ [-0.2, -0.1, 1.0] == pytest.approx(0.0, abs=1e-15)
     assert points[0, 2] == 0.0 and np.all(np.abs(points[1:, 2]) > 1e-4)

@@ -205,9 +205,8 @@ def test_a_robot_alone_has_the_derivatives_of_simulate():
         mbs.SolveTDCR(SETTINGS, substeps=2, sensitivities=[tracked])
     result = tracked.result()
     for name in NAMES:
-        a, b = result[name], expected[name]
         for kind in ("positions", "tensions"):
-            found, known = np.array(getattr(a, kind)), np.array(getattr(b, kind))
+            found, known = (np.array(getattr(x[name], kind)) for x in (result, expected))
             np.testing.assert_allclose(found, known, rtol=0.0, atol=1e-7 * np.abs(known).max())
 
 

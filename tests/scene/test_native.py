@@ -105,8 +105,7 @@ def test_a_function_after_every_step_that_was_there_before_the_robot_is_still_ca
 
 def test_a_robot_without_mass_is_refused_in_dynamics_and_solved_at_rest():
     """In version 0.1 Newton failed in the first step, for no reason given."""
-    light = Disks.equally_spaced(13, LENGTH, mass=0.0, radius=5e-3)
-    _keep, mbs, handle = scene(seven(0.3, backbone=replace(BACKBONE, density=0.0), disks=light))
+    _keep, mbs, handle = scene(seven(0.3).with_backbone(density=0.0).with_disks(mass=0.0))
     solve_scene(mbs, handle, [0.5, 0.0, 0.0])
     assert handle.tip_position[0] > 0.01
     with pytest.raises((ValueError, RuntimeError), match="robot 'three' has no mass"):
@@ -242,9 +241,8 @@ def test_recommended_settings_solve_every_robot(name):
 def test_the_script_of_the_docs_shows_joint_forces_that_grow_without_numerical_damping():
     """A fault of Exudyn's, or none any more: then docs/scenes.md and the message of a stuck run are to change."""
     page = (Path(__file__).parents[2] / "docs" / "scenes.md").read_text(encoding="utf-8")
-    script = page.split("```python\n")[-1].split("print(")[0]
     namespace: dict = {}
-    exec(script, namespace)
+    exec(page.split("```python\n")[-1].split("print(")[0], namespace)
     assert namespace["largest_joint_force"](0.9) < 1.1
     assert namespace["largest_joint_force"](1.0) > 100.0
 

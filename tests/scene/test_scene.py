@@ -375,7 +375,6 @@ def test_a_window_of_the_renderer_shows_the_solved_state():
     """Seen in a window: the robot stayed straight while it was bent by `SolveTDCR`."""
     _keep, mbs, handle = scene(single(0.0))
     solve_scene(mbs, handle, [1.0])
-    data = mbs.systemData
-    shown = data.GetODE2Coordinates(exu.ConfigurationType.Visualization)
-    assert np.array_equal(shown, data.GetODE2Coordinates())
+    shown = mbs.systemData.GetODE2Coordinates(exu.ConfigurationType.Visualization)
+    assert np.array_equal(shown, mbs.systemData.GetODE2Coordinates())
     assert np.abs(shown).max() > 0.01

@@ -47,9 +47,8 @@ def test_the_curvature_within_a_bay_is_the_moment_of_its_straight_tendon(count):
 def test_a_moment_bends_a_tapered_rod_by_its_compliance_at_every_place(count):
     """``k = M / EI(s)``; elements have their mean compliance, so that the estimated error is that of the positions."""
     rod, moment = replace(BACKBONE, taper=((0.0, BACKBONE.radius), (LENGTH, 0.25e-3))), 2e-3
-    steps = [LoadStep(loads={"tip": Load(LENGTH, moment=(0.0, moment, 0.0))})]
     robot, model = Robot(rod, Disks.equally_spaced(4, LENGTH)), Model(friction="none", elements_per_bay=count)
-    (step,) = simulate(robot, model, steps).steps
+    (step,) = simulate(robot, model, [LoadStep(loads={"tip": Load(LENGTH, moment=(0.0, moment, 0.0))})]).steps
     s = np.linspace(0.01, 0.99, 50) * LENGTH
     curvature = ObservedStep.of(step, (), Observation()).curvature(s)[:, 1]
     exact = moment / (rod.EI * (rod.radius_at(s) / rod.radius) ** 4)

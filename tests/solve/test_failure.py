@@ -38,9 +38,8 @@ def test_a_step_whose_friction_needs_more_presliding_is_reported(monkeypatch):
     """Where only ten times the presliding distance converges, the step carries the factor and a warning."""
 
     def stubborn(*args, softening=1.0, **kwargs):
-        result = newton(*args, softening=softening, **kwargs)
         if softening > 5.0:
-            return result
+            return newton(*args, softening=softening, **kwargs)
         return ended(NewtonStatus.NO_FRICTION_STATE, 1e-9)
 
     monkeypatch.setattr(substep, "newton", stubborn)
@@ -55,12 +54,12 @@ def test_a_step_whose_friction_needs_more_presliding_is_reported(monkeypatch):
 def test_an_interrupt_within_a_step_keeps_the_steps_before(monkeypatch):
     """Ctrl-C in the third step is raised again, with the two steps before and a message that names it."""
 
-    def interrupted(*args, **kwargs):
+    def interrupted_beyond(*args, **kwargs):
         if args[2].inputs[0][0] > 1.0:
             raise KeyboardInterrupt
         return newton(*args, **kwargs)
 
-    monkeypatch.setattr(substep, "newton", interrupted)
+    monkeypatch.setattr(substep, "newton", interrupted_beyond)
     with pytest.raises(Interrupted, match="has 2 solved load steps") as stop:
         simulate(paper(0.3), Model(elements_per_bay=1), pull(0.5, 1.0, 1.5, 2.0))
     result = stop.value.result
@@ -68,14 +67,14 @@ def test_an_interrupt_within_a_step_keeps_the_steps_before(monkeypatch):
     assert result.failed_step == 3 and result.message == "interrupted"
 
 
+def interrupted(*args, **kwargs):
+    raise KeyboardInterrupt
+
+
 def test_an_interrupt_leaves_a_scene_at_the_beginning_of_the_step(monkeypatch):
     _keep, mbs, handle = scene(paper(0.3))
     solve_scene(mbs, handle, [1.0])
     before, history = handle.shape()[0], handle.actuation.state
-
-    def interrupted(*args, **kwargs):
-        raise KeyboardInterrupt
-
     handle.set_tensions([2.0])
     with monkeypatch.context() as patch:
         patch.setattr(substep, "newton", interrupted)
@@ -89,9 +88,6 @@ def test_an_interrupt_leaves_a_scene_at_the_beginning_of_the_step(monkeypatch):
 
 def test_an_interrupt_in_exudyns_jacobian_is_raised_again(monkeypatch):
     """A following moment needs that Jacobian; what is raised in its callback, Exudyn raises as a ModelError."""
-
-    def interrupted(*args):
-        raise KeyboardInterrupt
 
     def patch(step):
         monkeypatch.setattr(TendonActuation, "jacobian_on_coordinates", interrupted)

@@ -52,8 +52,7 @@ def test_compliance_of_a_cantilever() -> None:
     """A straight rod: ``L^3 / 3EI`` and shear, ``L^2 / 2EI``, ``L / EI``, ``L / GJ``, ``L / EA``; at a disk, too."""
     solved = simulation(three(0.0, disks=FIVE), MODEL, [LoadStep("", loads=NOTHING)], SETTINGS)
     b = BACKBONE
-    for s in (None, 0.1):
-        x = LENGTH if s is None else s
+    for s, x in ((None, LENGTH), (0.1, 0.1)):
         c = local_response(solved, s).compliance
         assert c[0, 0] == pytest.approx(x**3 / (3.0 * b.EI) + x / b.GA, rel=1e-9)
         assert c[0, 4] == pytest.approx(x**2 / (2.0 * b.EI), rel=1e-9)

@@ -13,10 +13,11 @@ from tdcr_fe.scene.mesh import elements_of_bays
 from tdcr_fe.solve.simulate import PathRecord, Simulation, SolverSettings, StepFailed, simulate
 from tdcr_fe.validation.fuzz.energy import divided, ledger
 
+THREE_DISKS = replace(single(), disks=Disks.equally_spaced(3, LENGTH))
 TAPERED = single().with_backbone(taper=((0.0, BACKBONE.radius), (LENGTH, 0.25e-3)))
 
 
-FREE = Model(friction="none")
+FREE, FINE = Model(friction="none"), SolverSettings(mesh_tolerance=1e-6)
 CASES = {
     "in plane": (single(), FREE, (0.0, 0.0, 0.0)),
     "out of plane": (single(), FREE, (0.0, 0.05, 0.0)),
@@ -46,10 +47,9 @@ def test_a_pure_moment_has_no_discretisation_error() -> None:
 
 def test_the_automatic_mesh_meets_its_tolerance() -> None:
     """Three disks a segment: 0.07 to 0.12 % of the length off with four elements a bay on e3bbe5d, no warning."""
-    robot = replace(single(), disks=Disks.equally_spaced(3, LENGTH))
     steps = [LoadStep("", {"t1": 2.5}, loads={"tip": Load(LENGTH, (0.0, 0.05, 0.0))})]
-    result = simulate(robot, Model(friction="none"), steps)
-    fine = simulate(robot, Model(friction="none", elements_per_bay=32), steps)
+    models = FREE, replace(FREE, elements_per_bay=32)
+    result, fine = (simulate(THREE_DISKS, model, steps) for model in models)
     assert np.linalg.norm(result.steps[0].tip - fine.steps[0].tip) < 1e-4 * LENGTH
     assert result.steps[0].discretisation_error < 1e-4 * LENGTH
     assert not any("too coarse" in w for w in result.warnings)
@@ -57,11 +57,10 @@ def test_the_automatic_mesh_meets_its_tolerance() -> None:
 
 def test_refinement_begins_where_a_coarse_start_is_not_enough() -> None:
     """A tolerance below the error of the first mesh makes it finer, and the result keeps the user's model."""
-    model = Model(friction="none")
-    result = simulate(single(), model, pull(1.0, 2.5), SolverSettings(mesh_tolerance=1e-6))
-    assert max(result.elements_per_bay) > max(elements_of_bays(single(), model))
+    result = simulate(single(), FREE, pull(1.0, 2.5), FINE)
+    assert max(result.elements_per_bay) > max(elements_of_bays(single(), FREE))
     assert all(s.discretisation_error < 1e-6 * LENGTH for s in result.steps)
-    assert result.model == model
+    assert result.model == FREE
     assert len(result.steps) == 2
 
 
@@ -83,8 +82,7 @@ def test_steps_of_the_coarser_mesh_are_kept_where_the_refined_one_fails(monkeypa
     """Before, a failure in step 2 of the refined run left one of the three steps that were solved."""
     fail_on_refined_meshes(monkeypatch, 2, StepFailed("no balance", 0.0, 1.0, None, 5))
     path: PathRecord = []
-    settings = SolverSettings(mesh_tolerance=1e-6)
-    result = simulate(single(), Model(friction="none"), pull(1.0, 2.0, 2.5), settings, record_path=path)
+    result = simulate(single(), FREE, pull(1.0, 2.0, 2.5), FINE, record_path=path)
     assert result.converged and len(result.steps) == len(path) == 3
     assert result.elements_per_bay == elements_of_bays(single(), Model())
     assert all(s.discretisation_error > 1e-6 * LENGTH for s in result.steps)
@@ -94,9 +92,8 @@ def test_steps_of_the_coarser_mesh_are_kept_where_the_refined_one_fails(monkeypa
 
 def test_steps_of_the_coarser_mesh_are_kept_where_the_refined_run_is_interrupted(monkeypatch) -> None:
     fail_on_refined_meshes(monkeypatch, 1, KeyboardInterrupt())
-    settings = SolverSettings(mesh_tolerance=1e-6)
     with pytest.raises(Interrupted) as stop:
-        simulate(single(), Model(friction="none"), pull(1.0, 2.5), settings)
+        simulate(single(), FREE, pull(1.0, 2.5), FINE)
     result = stop.value.result
     assert (result.converged, result.message, len(result.steps)) == (False, "interrupted", 2)
     assert any("was interrupted" in w for w in result.warnings)
@@ -104,8 +101,7 @@ def test_steps_of_the_coarser_mesh_are_kept_where_the_refined_run_is_interrupted
 
 def test_a_given_number_of_elements_is_kept_and_its_error_reported() -> None:
     """Three disks with one element a bay are far off; the run reports it, with the size of the error."""
-    robot = replace(single(), disks=Disks.equally_spaced(3, LENGTH))
-    result = simulate(robot, Model(friction="none", elements_per_bay=1), pull(2.5))
+    result = simulate(THREE_DISKS, Model(friction="none", elements_per_bay=1), pull(2.5))
     assert result.elements_per_bay == (1, 1, 1, 1)
     assert result.steps[0].discretisation_error > 1e-4 * LENGTH
     assert any("too coarse" in w and "step 1" in w for w in result.warnings)
@@ -114,9 +110,8 @@ def test_a_given_number_of_elements_is_kept_and_its_error_reported() -> None:
 def test_a_bay_under_a_known_force_has_the_fraction_of_eulers_load() -> None:
     """A straight column between two disks under an axial force N: N a^2 / (pi^2 EI)."""
     backbone = replace(BACKBONE, length=0.02)
-    robot = Robot(backbone, Disks((0.02,)), ())
     step = LoadStep("", loads={"tip": Load(0.02, (0.0, 0.0, -0.3 * np.pi**2 * backbone.EI / 0.02**2))})
-    result = simulate(robot, Model(friction="none"), [step])
+    result = simulate(Robot(backbone, Disks((0.02,)), ()), Model(friction="none"), [step])
     assert result.steps[0].buckling_load_fraction == pytest.approx(0.3, rel=1e-3)
 
 

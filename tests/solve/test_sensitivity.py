@@ -220,13 +220,10 @@ def test_backlash_is_lost_displacement() -> None:
     check(with_effects(declared, values), effect_parameter(declared, "actuator_backlash", "backlash", values))
 
 
-@pytest.mark.parametrize("effect", ["friction_coefficient.mu", "hole_adhesion.drop"])
-def test_friction_that_the_model_lacks_acts_with_the_mobilisation_it_would_have(effect: str) -> None:
+@pytest.mark.parametrize("name", ["effects.friction_coefficient.mu", "effects.hole_adhesion.drop"])
+def test_friction_that_the_model_lacks_acts_with_the_mobilisation_it_would_have(name: str) -> None:
     """Without friction in the model, and with friction of zero: the same derivative, that of small coefficients."""
-    steps = by_tension()
-    none = Experiment(robot(0.0), Model(friction="none", elements_per_bay=1), steps)
-    zero = Experiment(robot(0.0), Model(friction="per-hole", elements_per_bay=1), steps)
-    name = f"effects.{effect}"
+    none, zero = (coarse(robot(0.0), by_tension(), friction=friction) for friction in ("none", "per-hole"))
     first, second = run(none, [name])[1][name], run(zero, [name])[1][name]
     assert np.allclose(first.positions, second.positions, rtol=0.0, atol=1e-7 * np.abs(first.positions).max())
     parameter = parameters(none, [name])[0]
@@ -263,9 +260,8 @@ def test_play_at_its_null_value_has_no_derivative_where_friction_depends_on_the_
 
 def test_inputs_of_the_step_keep_what_was_before() -> None:
     """The derivative by an input of a step is that of the step alone: the history stays."""
-    experiment = EXPERIMENTS["per hole"]
     names = ["inputs.t1", "loads.tip.force_y", "steps[3].tensions.t1", "steps[1].loads.tip.force[1]"]
-    found = run(experiment, names)[1]
+    found = run(EXPERIMENTS["per hole"], names)[1]
     # In the step that names it, and before any later step is touched, both are the same.
     a, b = found["inputs.t1"], found["steps[3].tensions.t1"]
     assert np.allclose(a.positions[3], b.positions[3], rtol=1e-6, atol=1e-9)
@@ -276,9 +272,9 @@ def test_inputs_of_the_step_keep_what_was_before() -> None:
 
 def test_deflection_of_a_rod_without_tendons_falls_with_the_fourth_power_of_its_radius() -> None:
     """F L^3 / (3 EI), in small bending; such a robot had no derivatives."""
-    rod = Robot(BACKBONE, DISKS, ())
+    rod, model = Robot(BACKBONE, DISKS, ()), Model(elements_per_bay=1)
     steps = (LoadStep("", loads={"tip": Load(LENGTH, (1e-4, 0.0, 0.0))}),)
-    found = simulate(rod, Model(elements_per_bay=1), steps, sensitivities=["backbone.radius"])
+    found = simulate(rod, model, steps, sensitivities=["backbone.radius"])
     expected = -4.0 * found.tips[0, 0] / BACKBONE.radius
     assert found.sensitivities["backbone.radius"].positions[0, -1, 0] == pytest.approx(expected, rel=1e-3)
 

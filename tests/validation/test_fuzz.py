@@ -37,18 +37,11 @@ def test_random_robots_hold_all_checks(number):
     assert outcome.passed, (outcome.error, outcome.message, outcome.broken)
 
 
-def moved(step):
-    """A node by a hundredth of a micrometre."""
-    positions = step.positions.copy()
-    positions[5, 0] += 1e-8
-    return replace(step, positions=positions)
-
-
-def turned(step):
-    """A section by a thousandth of a radian."""
-    rotations = step.rotations.copy()
-    rotations[5] = rotations[5] @ Rotation.from_rotvec([0.0, 0.0, 1e-3]).as_matrix()
-    return replace(step, rotations=rotations)
+def with_node(step, field, change):
+    """Position or rotation of a node changed."""
+    values = getattr(step, field).copy()
+    values[5] = change(values[5])
+    return replace(step, **{field: values})
 
 
 def tightened(step):
@@ -76,10 +69,10 @@ def with_actuation(step, **changes):
     return replace(step, actuation=replace(step.actuation, **changes))
 
 
-BALANCE = "equilibrium of every free body"
+BALANCE, TURN = "equilibrium of every free body", Rotation.from_rotvec([0.0, 0.0, 1e-3]).as_matrix()
 WRONG = {
-    "position": (moved, BALANCE),
-    "rotation": (turned, BALANCE),
+    "position": (lambda s: with_node(s, "positions", lambda x: x + np.array([1e-8, 0.0, 0.0])), BALANCE),
+    "rotation": (lambda s: with_node(s, "rotations", lambda r: r @ TURN), BALANCE),
     "tension": (tightened, BALANCE),
     "load": (lambda s: with_actuation(s, loads={"side": replace(s.actuation.loads["side"], at=0.2)}), BALANCE),
     "displacement": (lambda s: replace(s, displacements=s.displacements + 1e-6), "displacements from lengths"),
