@@ -26,10 +26,12 @@ _NAME = re.compile(r"(\w+)(?: \(.*\))?\.(.*)")
 
 
 class Identified(NamedTuple):
-    """Effects in the results of an identification."""
+    """Model and effects in the results of an identification."""
 
+    friction: str  # Of the model; empty where there are no results
     effects: Effects  # All of them, with their values
-    names: tuple[str, ...]  # (q,): Of the parameters that were fitted, ``EFFECT.PARAMETER``
+    # (q,): Of the parameters of those that were found, ``EFFECT.PARAMETER``; where more than noise is left, none was
+    names: tuple[str, ...]
     covariance: Array  # (q, q): Of these, or of their inverse where that was fitted
 
     @classmethod
@@ -40,10 +42,10 @@ class Identified(NamedTuple):
             found = {
                 e["effect"]: {n: p["value"] for n, p in e["parameters"].items()} for e in result["effects"]
             }
-            found |= result["stand_ins"]
+            every = found | result["stand_ins"]
             sigma = np.array(result["standard_errors"], dtype=float)
             correlation = np.array(result["correlation"], dtype=float)
-            names, digests = result["parameters"], result["input"]
+            names, digests, friction = result["parameters"], result["input"], result["friction"]
         except (OSError, ValueError, KeyError, TypeError):
             allowed = "must be a folder with a result.json of identify (this version)"
             reporter("identified", str(folder), allowed)
@@ -53,12 +55,12 @@ class Identified(NamedTuple):
             allowed = "must be found with the robot.toml and model.toml of this folder"
             reporter("identified", str(folder), allowed)
         listed = {e.name for e in EFFECTS}
-        issue([f"{folder}: {name}: not a listed effect, left out" for name in found if name not in listed])
-        effects = {name: values for name, values in found.items() if name in listed}
+        issue([f"{folder}: {name}: not a listed effect, left out" for name in every if name not in listed])
+        effects = {name: values for name, values in every.items() if name in listed}
         parts = [match.groups() if (match := _NAME.fullmatch(name)) else ("", "") for name in names]
-        which = [k for k, (name, _) in enumerate(parts) if name in effects]
+        which = [k for k, (name, _) in enumerate(parts) if name in found and name in listed]
         covariance = (correlation * np.outer(sigma, sigma))[np.ix_(which, which)]
-        return cls(effects, tuple(".".join(parts[k]) for k in which), covariance)
+        return cls(friction, effects, tuple(".".join(parts[k]) for k in which), covariance)
 
     def prior(self, data: MeasuredData, sigma: Mapping[str, float]) -> ParameterPrior:
         """Of the effects that act on the robot; the numbers of those on commands or measurement alone are as found.
@@ -78,7 +80,7 @@ class Identified(NamedTuple):
         return ParameterPrior((*(self.names[k] for k in which), *others), covariance, acting)
 
 
-NONE_IDENTIFIED = Identified({}, (), np.zeros((0, 0)))
+NONE_IDENTIFIED = Identified("", {}, (), np.zeros((0, 0)))
 
 
 def read_sigma(table: object, data: MeasuredData, reporter: Reporter) -> dict[str, float]:

@@ -193,6 +193,7 @@ def _bands(
         axes = figure.subplots(1, max(1, len(names)), sharey=shared, squeeze=False)[0]
         for k, (ax, name) in enumerate(zip(axes, names, strict=False)):
             value, half, colour = values[:, k], HALF_95 * sigmas[:, k], COLOURS[k % len(COLOURS)]
+            value = np.where(np.isfinite(half), value, np.nan)  # a stiffness may be infinite
             ax.fill_between(times, value - half, value + half, color=colour, alpha=0.25, lw=0)
             ax.plot(times, value, color=colour, lw=1.2)
             ax.set_title(name)

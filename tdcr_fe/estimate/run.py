@@ -137,6 +137,7 @@ def read_estimation(folder: str | os.PathLike[str]) -> Estimation:
     sigma, identified = read_sigma(top["uncertain"], data, reporter), NONE_IDENTIFIED
     if top["identified"]:
         identified = Identified.read(folder / top["identified"], data, reporter)
+        data = replace(data, model=replace(data.model, friction=identified.friction or data.model.friction))
     try:
         names = data.robot.tendon_names
         own = (inputs.sigmas(names) * data.input_scales).tolist()  # of the steps as they were read

@@ -503,6 +503,7 @@ class IdentificationResult:
             "before": self.before,
             "effects": [e for e in self.effects if e.found],
             "causes": [e.cause() for e in self.effects],
+            "friction": self.simulated.commanded.model.friction,  # that of the declared model may be disproved
             "stand_ins": {e.name: self.effects_table[e.name] for e in self.effects if not e.found},
             "after": self.after,
             "verdict": self.verdict,

@@ -194,6 +194,7 @@ def identified(path, errors):
     """Results of identify in a folder: a stiffness, a gain of the commands, and a cause beyond the list."""
     found = {
         "effects": [{"effect": "stiffness_scale", "parameters": {"bending": {"value": 1.1}}}],
+        "friction": "none",
         "stand_ins": {"actuator_gain": {"gain": 0.98}, "bending stiffness by row": {"slope": 1.0}},
         "parameters": [
             "stiffness_scale (both).bending",
@@ -214,7 +215,7 @@ def identified(path, errors):
 
 def test_effects_that_identify_found_act_with_their_covariance(wrong, tmp_path, capsys):
     declared = read_estimation(wrong)
-    identified(wrong, [1e-9, 0.01, 1.0])
+    identified(wrong, [1e-9, 0.01, 1.0])  # the gain is no more than a stand-in, and has no covariance
     told = said(capsys, 0, "estimate", wrong, "-o", tmp_path / "out")
     assert "bending stiffness by row: not a listed effect, left out" in told
     found = pd.read_csv(tmp_path / "out" / "estimates.csv")
