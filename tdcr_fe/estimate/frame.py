@@ -9,6 +9,7 @@ first order.
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -32,6 +33,7 @@ from tdcr_fe.estimate.uncertain import UncertainEffects
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.channels import by_differences
 from tdcr_fe.model.loading import Actuation, Load, SolverSettings, resolve
+from tdcr_fe.model.messages import PlausibilityRemark
 from tdcr_fe.model.observed_step import ObservedStep
 from tdcr_fe.solve.equations.configuration import SolverState, StoredState
 from tdcr_fe.solve.load_steps.load_path import Increment, LoadStepReport, Position, StepFailed
@@ -85,9 +87,11 @@ class Problem:
         return cls(effects, simulation, observation, loaded, input_sigmas, explicit)
 
     def with_effects(self, effects: UncertainEffects) -> Problem:
-        """With effects at other values."""
+        """With effects at other values, of which nothing is remarked."""
         given = self.simulation.settings, self.observation, self.s[self.loaded].tolist(), self.input_sigmas
-        return Problem.of(effects, *given)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PlausibilityRemark)
+            return Problem.of(effects, *given)
 
     @property
     def s(self) -> Array:
