@@ -29,7 +29,7 @@ BUDGET = {
     "tdcr_fe": 245,
     "tdcr_fe/commands": 772,
     "tdcr_fe/effects": 1226,
-    "tdcr_fe/estimate": 1458,
+    "tdcr_fe/estimate": 1462,
     "tdcr_fe/identify": 6136,
     "tdcr_fe/io": 1776,
     "tdcr_fe/live": 358,

@@ -9,7 +9,6 @@ first order.
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -33,7 +32,7 @@ from tdcr_fe.estimate.uncertain import UncertainEffects
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.channels import by_differences
 from tdcr_fe.model.loading import Actuation, Load, SolverSettings, resolve
-from tdcr_fe.model.messages import PlausibilityRemark
+from tdcr_fe.model.messages import warnings_to
 from tdcr_fe.model.observed_step import ObservedStep
 from tdcr_fe.solve.equations.configuration import SolverState, StoredState
 from tdcr_fe.solve.load_steps.load_path import Increment, LoadStepReport, Position, StepFailed
@@ -87,10 +86,9 @@ class Problem:
         return cls(effects, simulation, observation, loaded, input_sigmas, explicit)
 
     def with_effects(self, effects: UncertainEffects) -> Problem:
-        """With effects at other values, of which nothing is remarked."""
+        """With effects at other values, without the warnings on these."""
         given = self.simulation.settings, self.observation, self.s[self.loaded].tolist(), self.input_sigmas
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", PlausibilityRemark)
+        with warnings_to():
             return Problem.of(effects, *given)
 
     @property

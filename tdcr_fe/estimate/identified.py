@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag
 
-from tdcr_fe.effects import EFFECTS, Experiment, effect, with_effects
+from tdcr_fe.effects import EFFECTS, effect, with_effects
 from tdcr_fe.elements import Array
 from tdcr_fe.estimate.description import ParameterPrior
 from tdcr_fe.io.keys import effect_keys
@@ -67,7 +68,7 @@ class Identified(NamedTuple):
 
         ``sigma``: standard deviations of other parameters.
         """
-        changed, acting = Experiment(data.robot, data.model), {}
+        changed, acting = replace(data.experiment, steps=(), ends=None), {}
         for name in (e.name for e in EFFECTS if e.name in self.effects):
             after = with_effects(changed, {name: self.effects[name]})
             if (after.robot, after.model) != (changed.robot, changed.model):

@@ -213,7 +213,8 @@ def run_estimation(
     EstimateResult
         A frame that was not solved says so, and the run goes on with the next. After Ctrl-C, the frames until then.
     """
-    data, experiment = estimation.data, with_effects(estimation.data.experiment, estimation.effects)
+    data, declared = estimation.data, estimation.data.experiment
+    experiment = with_effects(declared, estimation.effects)
     # The path within a frame is not resolved, so that a frame is not divided where backlash ends.
     steps = [experiment.steps[j] for j in experiment.whole_steps]
     found = first_checks(data)
@@ -224,8 +225,8 @@ def run_estimation(
     for reading in data.readings:
         by_step[reading.step].append(reading)
     estimator = Estimator(
-        data.robot,
-        data.model,
+        declared.robot,
+        declared.model,
         estimation.load,
         estimation.inputs,
         steps=steps,
