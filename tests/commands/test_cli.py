@@ -111,8 +111,8 @@ def test_demo_is_the_papers_robot_pulled_loaded_and_released(tmp_path, calls, ca
     printed = capsys.readouterr()
     assert printed.err == ""
     assert all(text in printed.out for text in ("release to 0.0 N", "bending [deg]", f"-o '{out}'\n"))
-    again = cli.main(["run", str(out / "scenario.toml"), "-o", str(out), "--no-pictures"])
-    assert again == 0  # as the demo advises
+    # As the demo advises.
+    assert cli.main(["run", str(out / "scenario.toml"), "-o", str(out), "--no-pictures"]) == 0
 
 
 NO_OPTION = "; there is no option --precesses; did you mean --processes?\n"

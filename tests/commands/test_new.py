@@ -25,10 +25,8 @@ def begin(tmp_path, kind, *options):
 def test_a_new_robot_is_solved(tmp_path, tendons, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert cli.main(["new", "robot", "-q", "--tendons", str(tendons)]) == 0
-    folder = tmp_path / "tdcr-fe-robot"
-    assert len(tdcr.read_robot(folder / "robot.toml").tendons) == tendons
-    command = ["run", str(folder / "scenario.toml"), "-o", str(tmp_path / "out"), "-q", "--no-pictures"]
-    assert cli.main(command) == 0
+    assert len(tdcr.read_robot("tdcr-fe-robot/robot.toml").tendons) == tendons
+    assert cli.main(["run", "tdcr-fe-robot/scenario.toml", "-o", "out", "-q", "--no-pictures"]) == 0
 
 
 def test_every_key_of_the_files_is_there(tmp_path):
@@ -52,11 +50,7 @@ def test_a_default_that_is_commented_out_is_what_applies_without_it(tmp_path):
         for k, line in enumerate(text.splitlines()):
             found, lines = re.match(r"# (\w+) = (?!\.\.\.)", line), text.splitlines()  # a key with a value
             name = found[1] if found else ""
-            if (
-                not name
-                or lines[k - 1].startswith("# [")
-                or name in ("stiffness", "displacements", "motor_angles")
-            ):
+            if name in ("", "stiffness", "displacements", "motor_angles") or lines[k - 1].startswith("# ["):
                 continue
             lines[k] = lines[k].removeprefix("# ")
             other = {"positions": "count", "friction": "friction_coefficient"}.get(name)
@@ -64,8 +58,9 @@ def test_a_default_that_is_commented_out_is_what_applies_without_it(tmp_path):
                 lines.remove(next(line for line in lines if line.startswith(f"{other} =")))
             (folder / file).write_text("\n".join(lines) + "\n")
             after = tdcr.read_scenario(folder / "scenario.toml")
-            parts = ("robot", "model", "steps", "settings")
-            same = all(getattr(after, part) == getattr(before, part) for part in parts)
+            same = all(
+                getattr(after, p) == getattr(before, p) for p in ("robot", "model", "steps", "settings")
+            )
             assert same == (name not in EXAMPLES), name
             (folder / file).write_text(text)
             tried += 1

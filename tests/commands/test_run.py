@@ -39,10 +39,8 @@ def test_settings_of_the_file_are_those_of_the_run(tmp_path):
 def test_long_run_is_announced_by_what_it_has_solved(tmp_path, capsys, monkeypatch):
     """310 s of processor time passed without a word, where the estimate was made from the number of elements."""
     path = write(tmp_path, scenario=SCENARIO + "[[steps]]\ntensions = { t1 = 1.0 }\n" * 4000)
-    solved, times = (
-        [],
-        iter([0.0, 0.05]),
-    )  # the look after the announcement finds the limit passed once a step is solved
+    # The look after the announcement finds the limit passed once a step is solved.
+    solved, times = [], iter([0.0, 0.05])
 
     def counted(robot, model, steps, settings, progress, **beside):
         return simulate(robot, model, steps, settings, lambda s: (solved.append(s), progress(s)), **beside)
