@@ -4,6 +4,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+from inputs import document
 from robots import tendon
 
 from tdcr_fe import Backbone, Disks, Robot, robot_to_toml
@@ -19,6 +20,8 @@ mesh_tolerance = inf
 [[steps]]
 tensions = { t1 = 1.0 }
 """
+#: Of which large tensions do not converge.
+HASTY = SCENARIO.replace("[solver]", "[solver]\nmax_iterations = 4\nmin_substep = 1.0")
 #: Six cases.
 SWEEP = """
 scenario = "scenario.toml"
@@ -27,6 +30,12 @@ vary = [
   { key = "backbone.youngs_modulus", mode = "factor", values = [1.0, 1.2] },
 ]
 """
+
+
+def varying(values: dict[str, list[float]]) -> str:
+    """A sweep of the scenario with all combinations of values of keys."""
+    vary = [{"key": key, "values": each} for key, each in values.items()]
+    return document({"scenario": "scenario.toml", "vary": vary})
 
 
 def write_files(folder: Path, sweep: str = SWEEP, scenario: str = SCENARIO, robot: str = ROBOT) -> Path:

@@ -58,9 +58,8 @@ def test_a_default_that_is_commented_out_is_what_applies_without_it(tmp_path):
                 lines.remove(next(line for line in lines if line.startswith(f"{other} =")))
             (folder / file).write_text("\n".join(lines) + "\n")
             after = tdcr.read_scenario(folder / "scenario.toml")
-            same = all(
-                getattr(after, p) == getattr(before, p) for p in ("robot", "model", "steps", "settings")
-            )
+            parts = ("robot", "model", "steps", "settings")
+            same = all(getattr(after, part) == getattr(before, part) for part in parts)
             assert same == (name not in EXAMPLES), name
             (folder / file).write_text(text)
             tried += 1

@@ -8,7 +8,7 @@ import time
 import pandas as pd
 import pytest
 from interrupts import start_python
-from sweep_files import SCENARIO, InProcess, write_files
+from sweep_files import HASTY, InProcess, varying, write_files
 
 import tdcr_fe as tdcr
 from tdcr_fe import cli
@@ -58,9 +58,7 @@ def test_table_summary_report_and_pictures(tmp_path, capsys, here):
 
 
 def test_a_case_that_does_not_converge_gives_status_1_and_a_row_of_the_report(tmp_path, capsys, here):
-    text = 'scenario = "scenario.toml"\n[[vary]]\nkey = "steps[0].tensions.t1"\nvalues = [1.0, 7e4]\n'
-    scenario = SCENARIO.replace("[solver]", "[solver]\nmax_iterations = 4\nmin_substep = 1.0")
-    path = write_files(tmp_path, text, scenario=scenario)
+    path = write_files(tmp_path, varying({"steps[0].tensions.t1": [1.0, 7e4]}), scenario=HASTY)
     assert cli.main(["sweep", str(path), "-o", str(tmp_path / "out"), "-q"]) == 1
     printed = capsys.readouterr()
     assert printed.out == ""
@@ -71,12 +69,11 @@ def test_a_case_that_does_not_converge_gives_status_1_and_a_row_of_the_report(tm
 
 def test_what_the_cases_warn_of_is_printed_once(tmp_path, capsys, here):
     """A weight that varies, of a robot without mass, gave statistics and not a word."""
-    text = 'scenario = "scenario.toml"\n[[vary]]\nkey = "effects.gravity.g_x"\nvalues = [5.0, 9.0]\n'
-    path = write_files(tmp_path, text)
+    path = write_files(tmp_path, varying({"effects.gravity.g_x": [5.0, 9.0]}))
     assert cli.main(["sweep", str(path), "-o", str(tmp_path / "out"), "-q", "--no-pictures"]) == 0
     (line,) = capsys.readouterr().err.splitlines()
-    said = "2 times, in case 1 first: model.gravity = 5 m/s^2: nothing has mass"
-    assert line.startswith(f"tdcr-fe: warning: {said}")
+    words = "warning: 2 times, in case 1 first: model.gravity = 5 m/s^2: nothing has mass"
+    assert line.startswith(f"tdcr-fe: {words}")
 
 
 def test_check_prints_the_cases_and_solves_nothing(tmp_path, capsys):

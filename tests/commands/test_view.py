@@ -1,11 +1,14 @@
 """``tdcr-fe view`` as users call it: where the page goes, and what is wrong with a folder."""
 
 import json
+from dataclasses import replace
 
 import pytest
 from arcs import arc_result
+from inputs import said
 
 from tdcr_fe import LoadStep, cli, write_results
+from tdcr_fe.report import video
 
 
 @pytest.fixture
@@ -22,14 +25,9 @@ def test_the_page_goes_beside_the_results_or_where_it_is_asked_for(folder, tmp_p
     assert capsys.readouterr().out == ""
 
 
-def refused(args, capsys):
-    assert cli.main(["view", *map(str, args)]) == 2
-    return capsys.readouterr().err
-
-
 def test_a_folder_without_results_is_refused(tmp_path, capsys):
     allowed = "must be a folder with results of tdcr-fe run, follow or identify (of one folder)"
-    assert f"summary.json is missing; {allowed}" in refused([tmp_path], capsys)
+    assert f"summary.json is missing; {allowed}" in said(capsys, 2, "view", tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -39,11 +37,11 @@ def test_a_missing_or_broken_file_is_named(folder, file, capsys):
     text = path.read_text()
     for broken in ("", "step\n1\n", text[: len(text) // 2], "\0\1"):
         path.write_text(broken)
-        said = refused([folder], capsys)
-        assert file in said and "Traceback" not in said
+        err = said(capsys, 2, "view", folder)
+        assert file in err and "Traceback" not in err
         assert not (folder / "view.html").exists()
     path.unlink()
-    assert f"{file} is missing" in refused([folder], capsys)
+    assert f"{file} is missing" in said(capsys, 2, "view", folder)
 
 
 def test_results_of_the_version_before_are_refused_with_what_to_do(folder, capsys):
@@ -51,19 +49,18 @@ def test_results_of_the_version_before_are_refused_with_what_to_do(folder, capsy
     found = json.loads(path.read_text())
     del found["geometry"]
     path.write_text(json.dumps(found))
-    assert "geometry: missing; written since version 0.2: run the scenario again" in refused([folder], capsys)
+    words = "geometry: missing; written since version 0.2: run the scenario again"
+    assert words in said(capsys, 2, "view", folder)
 
 
 def test_a_page_of_another_kind_is_refused(folder, capsys):
-    assert "must be a file that ends in .html" in refused([folder, "-o", folder / "x.pdf"], capsys)
-    assert "is a directory; must be a file" in refused([folder, "-o", folder], capsys)
+    assert "must be a file that ends in .html" in said(capsys, 2, "view", folder, "-o", folder / "x.pdf")
+    assert "is a directory; must be a file" in said(capsys, 2, "view", folder, "-o", folder)
 
 
 def test_a_run_without_a_solved_step_cannot_be_drawn(tmp_path, capsys):
-    from dataclasses import replace
-
     write_results(replace(arc_result(), steps=(), converged=False, failed_step=1), tmp_path)
-    assert "no step was solved, so there is nothing to draw" in refused([tmp_path], capsys)
+    assert "no step was solved, so there is nothing to draw" in said(capsys, 2, "view", tmp_path)
 
 
 @pytest.mark.integration
@@ -72,18 +69,15 @@ def test_video_and_vtk_are_written_beside_the_page(tmp_path, capsys):
     write_results(arc_result(steps=[LoadStep("", {"t1": t}) for t in (0.5, 1.0)]), folder, pictures=False)
     args = ["view", str(folder), "--vtk", str(tmp_path / "vtk"), "--video", str(tmp_path / "robot.gif")]
     assert cli.main(args) == 0
-    said = capsys.readouterr().out
-    assert "robot.pvd and 2 files next to it" in said and "robot.gif (" in said
+    out = capsys.readouterr().out
+    assert "robot.pvd and 2 files next to it" in out and "robot.gif (" in out
     assert len(list((tmp_path / "vtk").iterdir())) == 3
     assert (tmp_path / "robot.gif").read_bytes()[:4] == b"GIF8"
 
 
 def test_a_video_that_cannot_be_written_is_refused_before_anything_is(folder, tmp_path, capsys, monkeypatch):
-    from tdcr_fe.report import video
-
     monkeypatch.setattr(video.shutil, "which", lambda name: None)
-    text = refused([folder, "--video", tmp_path / "robot.mp4", "--vtk", tmp_path / "vtk"], capsys)
+    text = said(capsys, 2, "view", folder, "--video", tmp_path / "robot.mp4", "--vtk", tmp_path / "vtk")
     assert "robot.mp4: needs the program ffmpeg, which is not installed; install it, or write a .gif" in text
-    text = refused([folder, "--video", tmp_path / "robot.avi"], capsys)
-    assert "must end in .gif or .mp4" in text
+    assert "must end in .gif or .mp4" in said(capsys, 2, "view", folder, "--video", tmp_path / "robot.avi")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["out"] and not (folder / "view.html").exists()

@@ -7,16 +7,12 @@ import numpy as np
 import pandas as pd
 import pytest
 from exudyn.processing import ParameterVariation
-from sweep_files import SCENARIO, SWEEP, InProcess, write_files
+from sweep_files import HASTY, SCENARIO, SWEEP, InProcess, varying, write_files
 
 import tdcr_fe as tdcr
 from tdcr_fe.sweeps.execution import SweepInterrupted
 from tdcr_fe.sweeps.files import journal
 from tdcr_fe.sweeps.keys import KeyProblem
-
-
-def table(folder):
-    return (folder / "cases.csv").read_bytes()
 
 
 def test_every_row_is_the_result_of_its_scenario(tmp_path):
@@ -48,7 +44,7 @@ def test_an_interrupted_sweep_continues(tmp_path):
     assert states == ["converged"] * done + ["not run"] * (6 - done)
     second = tdcr.sweep(path, out, executor=InProcess(), report=False)
     assert second.solved_now == 6 - done and second.converged
-    assert table(out) == table(tmp_path / "whole")
+    assert (out / "cases.csv").read_bytes() == (tmp_path / "whole" / "cases.csv").read_bytes()
     third = tdcr.sweep(path, out, executor=InProcess(stop_after=0), report=False)
     assert third.solved_now == 0 and third.converged
 
@@ -77,13 +73,8 @@ def test_two_sweeps_cannot_write_to_one_folder_at_a_time(tmp_path):
 
 def test_a_case_that_fails_keeps_its_reason_and_does_not_stop_the_others(tmp_path):
     """50 kN do not converge within four iterations; an offset beyond the disk is no robot."""
-    text = (
-        'scenario = "scenario.toml"\n[[vary]]\nkey = "steps[0].tensions.t1"\nvalues = [1.0, 5e4]\n'
-        '[[vary]]\nkey = "tendons.offset"\nvalues = [4e-3, 6e-3]\n'
-        '[[vary]]\nkey = "disks.radius"\nvalues = [7e-3, 5e-3]\n'
-    )
-    scenario = SCENARIO.replace("[solver]", "[solver]\nmax_iterations = 4\nmin_substep = 1.0")
-    path = write_files(tmp_path, text, scenario=scenario)
+    keys = {"steps[0].tensions.t1": [1.0, 5e4], "tendons.offset": [4e-3, 6e-3], "disks.radius": [7e-3, 5e-3]}
+    path = write_files(tmp_path, varying(keys), scenario=HASTY)
     result = tdcr.sweep(path, tmp_path / "out", executor=InProcess(), report=False)
     expected = [*["converged"] * 3, "invalid", *["not converged"] * 3, "invalid"]
     assert result.cases["status"].tolist() == expected
@@ -130,8 +121,8 @@ def test_a_function_of_ones_own_adds_columns(tmp_path):
 
 @pytest.mark.integration
 def test_a_process_that_dies_costs_its_own_case_only(tmp_path):
-    text = 'scenario = "scenario.toml"\n[[vary]]\nkey = "steps[0].tensions.t1"\nvalues = [1.0, 0.5, 1.5]\n'
-    result = tdcr.sweep(write_files(tmp_path, text), processes=2, evaluate=unlucky)
+    path = write_files(tmp_path, varying({"steps[0].tensions.t1": [1.0, 0.5, 1.5]}))
+    result = tdcr.sweep(path, processes=2, evaluate=unlucky)
     assert result.cases["status"].tolist() == ["error", "converged", "error"]
     assert result.cases["tension"][1] == 0.5
     assert "ended without a result" in result.cases["reason"][0]
