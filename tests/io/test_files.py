@@ -179,11 +179,10 @@ UNREADABLE = [
 
 @pytest.mark.parametrize(("text", "key", "words"), UNREADABLE)
 def test_file_that_is_not_toml_is_named_with_its_line(tmp_path, text, key, words):
-    (problem,) = problems_of(write(tmp_path, robot=text))
-    assert (problem.file, problem.key) == (str(tmp_path / "robot.toml"), key)
-    assert words in problem.allowed
-    (problem,) = problems_of(write(tmp_path, scenario=text))
-    assert (problem.file, problem.key) == (str(tmp_path / "scenario.toml"), key)
+    for file in ("robot", "scenario"):
+        (problem,) = problems_of(write(tmp_path, **{file: text}))
+        assert (problem.file, problem.key) == (str(tmp_path / f"{file}.toml"), key)
+        assert words in problem.allowed
 
 
 NO_FILE = {

@@ -15,6 +15,8 @@ from tdcr_fe.effects import Experiment, Observation, with_effects
 from tdcr_fe.io.measured import MeasuredData, first_checks, read_measured, write_measured
 from tdcr_fe.model.channels import CHANNELS
 
+PAGE = (Path(__file__).parents[2] / "docs" / "files.md").read_text(encoding="utf-8")
+
 
 def recorded() -> MeasuredData:
     """Readings of three steps."""
@@ -45,8 +47,7 @@ def test_what_is_written_is_read(folder):
 def written(folder, *steps):
     """Steps of a robot of three tendons, written and read."""
     readings = (Reading(1, "position_x", 0.25, 0.0),)
-    ids = tuple(range(1, len(steps) + 1))
-    write_measured(MeasuredData("x", three(), Model(), ids, steps, ("",) * len(steps), readings), folder)
+    write_measured(data_of(steps, readings, three(), Model()), folder)
     return read_measured(folder).steps
 
 
@@ -160,7 +161,6 @@ def test_readings_of_which_many_are_faulty_are_refused(folder, change, words):
 
 
 def test_every_channel_can_be_read_and_is_in_the_page_on_files(folder):
-    page = (Path(__file__).parents[2] / "docs" / "files.md").read_text(encoding="utf-8")
     locations = {"arc length": "0.125", "tendon": "t2", "": ""}
     path = folder / "observations.csv"
     head = path.read_text().splitlines()[0]
@@ -168,7 +168,7 @@ def test_every_channel_can_be_read_and_is_in_the_page_on_files(folder):
     path.write_text("\n".join([head, *rows]) + "\n")
     assert [r.quantity for r in read_measured(folder).readings] == [c.quantity for c in CHANNELS]
     for c in CHANNELS:
-        assert f"| `{c.quantity}` | {c.unit} |" in page
+        assert f"| `{c.quantity}` | {c.unit} |" in PAGE
 
 
 def test_steps_that_do_not_ascend_are_warned_of(folder):
@@ -203,11 +203,11 @@ def data() -> MeasuredData:
     return data_of(steps, positions(true, 1e-9, places=(0.125, LENGTH)), ELASTIC, Model())
 
 
-def with_effects_in(data, tmp_path, text, name="set"):
-    write_measured(data, tmp_path / name)
-    model = tmp_path / name / "model.toml"
+def with_effects_in(data, folder, text):
+    write_measured(data, folder)
+    model = folder / "model.toml"
     model.write_text(model.read_text() + "\n[effects]\n" + text)
-    return tmp_path / name
+    return folder
 
 
 ROWS = {name: ", ".join(f"{k} = {v}" for k, v in values.items()) for name, values in DECLARED.items()}
@@ -215,7 +215,7 @@ TEXT = "\n".join(f"{name} = {{ {row} }}" for name, row in ROWS.items())
 
 
 def test_what_is_declared_is_part_of_the_declared_model_and_goes_through_the_files(data, tmp_path):
-    declared = read_measured(with_effects_in(data, tmp_path, TEXT))
+    declared = read_measured(with_effects_in(data, tmp_path / "set", TEXT))
     assert declared.robot.tendons[1].pretension == 0.4 and declared.model.gravity == (0.0, -9.81, 0.0)
     assert set(declared.effects) == {"actuator_backlash", "marker_offset", "frame_misalignment"}
     assert len(declared.steps) == 6 and len(declared.experiment.steps) > 6
@@ -236,12 +236,11 @@ def test_what_is_declared_is_part_of_the_declared_model_and_goes_through_the_fil
 )
 def test_mistakes_are_named(data, tmp_path, text, message):
     with pytest.raises(InputError, match=f"(?s)model.toml.*{message}"):
-        read_measured(with_effects_in(data, tmp_path, text))
+        read_measured(with_effects_in(data, tmp_path / "set", text))
 
 
 def test_example_in_the_docs_is_read_without_mistake(data, tmp_path):
-    page = (Path(__file__).parents[2] / "docs" / "files.md").read_text("utf-8")
-    (text,) = re.findall(r"```toml\n(\[model\]\nfriction.*?)```", page, re.DOTALL)
+    (text,) = re.findall(r"```toml\n(\[model\]\nfriction.*?)```", PAGE, re.DOTALL)
     write_measured(data, tmp_path / "set")
     (tmp_path / "set" / "model.toml").write_text(text)
     declared = read_measured(tmp_path / "set")
