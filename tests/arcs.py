@@ -25,18 +25,13 @@ def arc_step(robot: Robot, number: int, angle: float, phi: float, tensions: np.n
         n = len(robot.hole_arc_lengths(each)) - 1
         profiles.append(tension * 0.9 ** np.arange(n))
         states.append((*("pull" if i % 2 else "stick" for i in range(n - 1)), "anchor"))
-    given = dict(label="", converged=True, iterations=4, substeps=1, residual=1e-11)
-    return StepResult(
-        step=number,
-        s=s,
-        positions=positions,
-        rotations=rotations,
-        base_tensions=np.asarray(tensions, dtype=float),
-        displacements=np.full(len(robot.tendons), 4.5e-3 * angle),
-        tensions=tuple(profiles),
-        hole_states=tuple(states),
-        **{**given, **rest},
-    )
+    inputs = {
+        "base_tensions": np.asarray(tensions, float),
+        "displacements": np.full(len(states), 4.5e-3 * angle),
+    }
+    found = {"tensions": tuple(profiles), "hole_states": tuple(states), **inputs}
+    given = {"label": "", "converged": True, "iterations": 4, "substeps": 1, "residual": 1e-11, **rest}
+    return StepResult(step=number, s=s, positions=positions, rotations=rotations, **found, **given)
 
 
 def arc_result(robot: Robot | None = None, steps=None, model: Model | None = None, **rest) -> SequenceResult:

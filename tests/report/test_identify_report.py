@@ -9,11 +9,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from browser import browser, in_chromium
-from identify_data import LENGTH
+from identify_data import LENGTH, MODEL
 from scipy.spatial.transform import Rotation
 from searches import GRAVITY, ROBOT, STEPS, added, result
 
-from tdcr_fe import Experiment, Load, Model, Reading, SolverSettings, simulate, with_effects
+from tdcr_fe import Experiment, Load, Reading, SolverSettings, simulate, with_effects
 from tdcr_fe.effects.base import Observation
 from tdcr_fe.identify import figures
 from tdcr_fe.identify.corrected import corrected_motion, effects_block, markers, replay
@@ -240,7 +240,7 @@ def _with(corrected, commanded, *effects):
 
 def test_the_replay_is_the_corrected_robot_step_by_step():
     """A dead band divides steps; the replay has those of loading.csv, each at its end."""
-    declared = Experiment(ROBOT, Model(friction="none", elements_per_bay=1), STEPS)
+    declared = Experiment(ROBOT, MODEL, STEPS)
     experiment = with_effects(declared, {"actuator_loss": {"dead_band": 0.1, "efficiency": 0.9}})
     assert len(experiment.steps) > len(STEPS)
     found = replay(_with(experiment, replace(experiment, steps=STEPS, ends=None)))
@@ -254,20 +254,19 @@ def test_the_replay_has_a_law_that_was_found_as_loads():
     """Otherwise the panel shows the robot without it, away from the markers."""
     moment = {"law 1": Load(LENGTH, moment=(0.0, 2e-3, 0.0))}
     steps = tuple(replace(s, loads={**s.loads, **moment}) for s in STEPS)
-    model = Model(friction="none", elements_per_bay=1)
-    corrected = Experiment(ROBOT, model, steps)
+    corrected = Experiment(ROBOT, MODEL, steps)
     law = replace(added("moment that drifts"), sentence="a moment that drifts")
     result = _with(corrected, replace(corrected, steps=STEPS), law)
     assert effects_block(result) == ""  # no scenario can name it
     found = replay(result)
     assert found.steps[0].actuation.loads["law 1"].moment == (0.0, 2e-3, 0.0)
-    assert found.steps[0].tip == pytest.approx(simulate(ROBOT, model, steps[:1]).steps[0].tip, abs=1e-9)
+    assert found.steps[0].tip == pytest.approx(simulate(ROBOT, MODEL, steps[:1]).steps[0].tip, abs=1e-9)
     assert found.steps[0].tip[0] > 0.01
 
 
 def test_a_turned_measuring_frame_turns_the_markers_back():
     rotation = (0.1, -0.2, 0.3)
-    declared = Experiment(ROBOT, Model(), STEPS)
+    declared = Experiment(ROBOT, MODEL, STEPS)
     found = _with(replace(declared, observation=Observation(rotation)), declared)
     turn = Rotation.from_rotvec(rotation).as_matrix().T
     seen = markers(found, len(STEPS))

@@ -6,7 +6,6 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from arcs import arc_result, arc_step, paper_robot
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 from robots import three
 from scenes import scene
@@ -65,10 +64,9 @@ def test_tensions_are_steps_over_arc_length():
     drawn = [patch.get_data() for patch in axes_by_title(plots.tensions(result))["tendon t1"].patches]
     assert any(np.array_equal(d.values, result.steps[4].tensions[0]) for d in drawn)
     assert drawn[0].edges == pytest.approx(1e3 * result.robot.hole_arc_lengths(result.robot.tendons[0]))
-    second = arc_result(paper_robot(2), [LoadStep("", {"t2": 1.0})])
-    assert (
-        axes_by_title(plots.tensions(second))["tendon t2"].get_ylim()[1] > 1.0
-    )  # limits were those of the first
+    second = plots.tensions(arc_result(paper_robot(2), [LoadStep("", {"t2": 1.0})]))
+    # Limits were those of the first.
+    assert axes_by_title(second)["tendon t2"].get_ylim()[1] > 1.0
 
 
 def test_what_there_is_is_drawn(tmp_path):
@@ -82,32 +80,23 @@ def test_what_there_is_is_drawn(tmp_path):
     assert [p.name for p in written] == ["shapes.png"]
 
 
-def six_tendons(**rest):
-    """Two segments: three tendons end at the middle disk, three at the tip."""
+@pytest.mark.parametrize("draw", [plots.shapes, plots.tensions, plots.hysteresis], ids=lambda f: f.__name__)
+def test_title_and_legend_of_six_tendons_lie_apart_from_the_axes(draw):
+    """In 0.1 the title lay on those of the axes, and the second row of the legend on their labels.
+
+    Two segments: three tendons end at the middle disk, three at the tip.
+    """
     one = paper_robot(6)
     ends = [one.disks.positions[6]] * 3 + [None] * 3
     names = [f"{part}{k}" for part in ("proximal", "distal") for k in (1, 2, 3)]
     tendons = tuple(replace(t, name=n, end=e) for t, n, e in zip(one.tendons, names, ends, strict=True))
-    robot = replace(one, tendons=tendons, name="two segments, six tendons", **rest)
-    steps = [LoadStep("", {t.name: value for t in tendons}) for value in (0.2, 0.4, 0.6, 0.4, 0.2)]
-    return arc_result(robot, steps)
-
-
-@pytest.mark.parametrize("draw", [plots.shapes, plots.tensions, plots.hysteresis], ids=lambda f: f.__name__)
-def test_title_and_legend_of_six_tendons_lie_apart_from_the_axes(draw):
-    """In 0.1 the title lay on those of the axes, and the second row of the legend on their labels."""
-    figure = draw(six_tendons())
-
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    renderer = canvas.get_renderer()
-    title = figure.texts[0].get_window_extent(renderer)
-    legend = figure.legends[0].get_window_extent(renderer)
-    for ax in figure.axes:
-        if not ax.get_visible():
-            continue
-        extent = ax.get_tightbbox(renderer)
-        assert not extent.overlaps(title) and not extent.overlaps(legend)
+    robot = replace(one, tendons=tendons, name="two segments, six tendons")
+    steps = [LoadStep("", dict.fromkeys(names, value)) for value in (0.2, 0.4, 0.6, 0.4, 0.2)]
+    figure = draw(arc_result(robot, steps))
+    figure.draw_without_rendering()
+    title, legend = (text.get_window_extent() for text in (figure.texts[0], figure.legends[0]))
+    extents = [ax.get_tightbbox() for ax in figure.axes if ax.get_visible()]
+    assert extents and not any(x.overlaps(title) or x.overlaps(legend) for x in extents)
     assert legend.x0 >= 0.0 and legend.x1 <= figure.bbox.width
 
 

@@ -252,9 +252,8 @@ def test_pointing_at_a_hole_tells_its_tension_and_a_plot_leads_to_the_step(chrom
     said = re.fullmatch(r"t1, hole 5: sticks, s = 96.15 mm\n([\d.]+) N below, ([\d.]+) N above", text)
     assert said and [float(x) for x in said.groups()] == pytest.approx([1.5 * 0.9**4, 1.5 * 0.9**5], abs=2e-4)
     point = chromium.ask(
-        f"(() => {{ const s = {PANEL}.plots, q = s.response, b = q.svg.getBoundingClientRect(), "
-        "p = s.responsePoints[2];"
-        "return [b.left + q.x(p[0]), b.top + q.y(p[1])]; })()"
+        f"(() => {{ const s = {PANEL}.plots, q = s.response, p = s.responsePoints[2];"
+        "const b = q.svg.getBoundingClientRect(); return [b.left + q.x(p[0]), b.top + q.y(p[1])]; })()"
     )
     chromium.click(*point)
     assert chromium.ask(f"{PANEL}.motion.step") == 2
