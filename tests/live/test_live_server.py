@@ -7,8 +7,8 @@ import struct
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import replace
 
 import pytest
 from inputs import write
@@ -150,17 +150,11 @@ def test_the_server_ends_with_its_page_and_the_page_with_its_server(served):
 
 def test_changes_from_many_threads_are_taken_one_by_one(served):
     ask(served, "GET", f"/?token={served.server.token}")
-    before, statuses = len(served.steps), []
-
-    def pull(tension: float) -> None:
-        statuses.append(change(served, {"drive": {"tensions": {"t2": tension}}})[0])
-
-    threads = [threading.Thread(target=pull, args=(0.1 * k,)) for k in range(8)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert statuses == [200] * 8 and len(served.steps) == before + 8
+    before = len(served.steps)
+    changes = [{"drive": {"tensions": {"t2": 0.1 * k}}} for k in range(8)]
+    with ThreadPoolExecutor(8) as pool:
+        replies = list(pool.map(lambda each: change(served, each), changes))
+    assert [status for status, _ in replies] == [200] * 8 and len(served.steps) == before + 8
 
 
 def test_a_page_that_is_gone_before_it_is_answered_is_not_a_failure(served, capfd):
@@ -185,10 +179,8 @@ def live(folder, robot, model):
 
 def test_an_unloaded_robot_that_is_not_solved_ends_the_command(tmp_path, capsys):
     """Heavy disks, and a single iteration; it ended with a traceback."""
-    heavy = replace(three(), disks=replace(three().disks, mass=1e-3))
-    model = tdcr.Model(gravity=(0.0, 9.81, 0.0))
-    settings = tdcr.SolverSettings(max_iterations=1, min_substep=1.0)
-    assert live(tmp_path, heavy, tdcr.model_to_toml(model, settings)) == 1
+    model = "[model]\ngravity = [0.0, 9.81, 0.0]\n[solver]\nmax_iterations = 1\nmin_substep = 1.0\n"
+    assert live(tmp_path, three().with_disks(mass=1e-3), model) == 1
     assert "the unloaded robot is not solved" in capsys.readouterr().err
 
 

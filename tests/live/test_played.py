@@ -95,7 +95,6 @@ def test_robots_without_disks_or_tendons_are_pulled_too():
     rod = tdcr.Robot(tdcr.Backbone(0.2, 0.5e-3, 60e9, 0.3))
     robot = PlayedRobot(rod, tdcr.Model.default_for(rod))
     assert len(robot.places) == 10
-    force = 1e-3
-    stiffness = 3.0 * rod.backbone.EI / 0.2**3
+    force, stiffness = 1e-3, 3.0 * rod.backbone.EI / 0.2**3
     robot.pull(9, (1.25 * force / stiffness, 0.0, 0.2))  # the spring is four times as stiff as the rod
     assert robot.steps[-1].loads["pull_10"].force[0] == pytest.approx(force, rel=1e-2)
