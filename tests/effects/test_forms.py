@@ -48,14 +48,12 @@ def test_null_values_of_every_form_change_nothing(e):
         assert same.robot == SETUP.robot and same.observation == SETUP.observation, form.name
 
 
-@pytest.mark.parametrize(
-    ("name", "field", "prefix"),
-    [
-        ("tendon_stretch", "axial_stiffness", "axial_stiffness"),
-        ("pretension", "pretension", "tension"),
-        ("friction_coefficient", "friction_coefficient", "mu"),
-    ],
-)
+#: Effect, field of a tendon that it declares, and its parameter.
+FIELDS = [("tendon_stretch", "axial_stiffness", "axial_stiffness"), ("pretension", "pretension", "tension")]
+FIELDS += [("friction_coefficient", "friction_coefficient", "mu")]
+
+
+@pytest.mark.parametrize(("name", "field", "prefix"), FIELDS)
 def test_the_most_particular_number_counts(name, field, prefix):
     declared = {t.name: getattr(t, field) for t in TWO.tendons}
     changed = with_effect(SETUP, name, **{f"{prefix}_segment_1": 2.0, f"{prefix}_next": 3.0}).robot

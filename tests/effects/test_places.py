@@ -46,8 +46,7 @@ def test_a_soft_bay_turns_more_by_its_factor_under_a_tip_moment():
     steps, moment = [LoadStep(loads={"tip": Load(LENGTH, moment=(0.0, 1e-3, 0.0))})], 1e-3
     soft = with_effect(Experiment(three(0.0), Model(), ()), "soft_bay", s=0.5 * (S[3] + S[4]), factor=0.25)
     turned = solve(soft.robot, steps, friction="none").steps[0].bending_angle
-    bay = S[4] - S[3]
-    assert turned == pytest.approx(moment / BACKBONE.EI * (LENGTH + 3.0 * bay), rel=1e-6)
+    assert turned == pytest.approx(moment / BACKBONE.EI * (LENGTH + 3.0 * (S[4] - S[3])), rel=1e-6)
 
 
 def test_a_stuck_hole_keeps_the_tension_of_the_base_from_the_tip():
