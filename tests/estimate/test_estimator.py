@@ -355,13 +355,9 @@ def test_an_uncertain_number_is_one_of_the_robot_and_leaves_friction_on_or_off(n
 
 
 def test_a_force_that_stays_is_known_in_all_frames_from_the_readings_of_the_last():
-    truth, own = (
-        Truth(6, 3, friction=0.2, force=(0.03, 0.0, 0.0)),
-        tdcr.LoadPrior(sigma=0.05, correlation_time=1e9),
-    )
-    found = estimator(friction=0.2, load=own, inputs=tdcr.InputPrior(sigma=0.01))
-    rng = np.random.default_rng(0)
-    frames = [found.step(truth.command(k), truth.positions(rng, k) if k == 5 else []) for k in range(6)]
+    truth, rng = Truth(6, 3, friction=0.2, force=(0.03, 0.0, 0.0)), np.random.default_rng(0)
+    own = estimator(friction=0.2, load=tdcr.LoadPrior(sigma=0.05, correlation_time=1e9))
+    frames = [own.step(truth.command(k), truth.positions(rng, k) if k == 5 else []) for k in range(6)]
     last = frames[-1].passage
     last = posterior_covariance(last.covariance, last.jacobian)[:3, :3]
     for frame in tdcr.smoothed(frames)[:-1]:

@@ -192,25 +192,20 @@ def test_errors_of_the_angle_of_a_motor_are_in_radians(folder, tmp_path):
 
 def identified(path, errors):
     """Results of identify in a folder: a stiffness, a gain of the commands, and a cause beyond the list."""
+    names = ["stiffness_scale (both).bending", "actuator_gain.gain", "bending stiffness by row.slope"]
     found = {
         "effects": [{"effect": "stiffness_scale", "parameters": {"bending": {"value": 1.1}}}],
         "friction": "none",
         "stand_ins": {"actuator_gain": {"gain": 0.98}, "bending stiffness by row": {"slope": 1.0}},
-        "parameters": [
-            "stiffness_scale (both).bending",
-            "actuator_gain.gain",
-            "bending stiffness by row.slope",
-        ],
+        "parameters": names,
         "standard_errors": errors,
         "correlation": np.eye(3).tolist(),
         "input": dict(read_estimation(path).data.digests),
     }
     (path / "found").mkdir()
     (path / "found" / "result.json").write_text(json.dumps(found))
-    text = (path / "estimate.toml").read_text()
-    (path / "estimate.toml").write_text(
-        f'identified = "found"\n{text}[uncertain]\nprecurvature.kappa_x = 0.1\n'
-    )
+    priors = path / "estimate.toml"
+    priors.write_text(f'identified = "found"\n{priors.read_text()}[uncertain]\nprecurvature.kappa_x = 0.1\n')
 
 
 def test_effects_that_identify_found_act_with_their_covariance(wrong, tmp_path, capsys):
@@ -232,22 +227,20 @@ def test_effects_that_identify_found_act_with_their_covariance(wrong, tmp_path, 
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("file", "old", "new", "words"),
     [
+        ("found/result.json", "standard_errors", "errors", "must be a folder with a result.json of identify"),
+        ("robot.toml", "", "\n", "must be found with the robot.toml and model.toml of this folder"),
         (
-            ("found/result.json", "standard_errors", "errors"),
-            "must be a folder with a result.json of identify",
-        ),
-        (("robot.toml", "", "\n"), "must be found with the robot.toml and model.toml of this folder"),
-        (
-            ("estimate.toml", "kappa_x = 0.1", "kappa_x = -0.1"),
+            "estimate.toml",
+            "kappa_x = 0.1",
+            "kappa_x = -0.1",
             "uncertain.precurvature.kappa_x = -0.1: must be",
         ),
-        (("estimate.toml", "kappa_x", "kapa_x"), "did you mean kappa_x?"),
+        ("estimate.toml", "kappa_x", "kapa_x", "did you mean kappa_x?"),
     ],
 )
-def test_wrong_results_of_identify_are_named(wrong, tmp_path, capsys, change, words):
+def test_wrong_results_of_identify_are_named(wrong, tmp_path, capsys, file, old, new, words):
     identified(wrong, [0.05, 0.01, 1.0])
-    name, old, new = change
-    (wrong / name).write_text((wrong / name).read_text().replace(old, new, 1))
+    (wrong / file).write_text((wrong / file).read_text().replace(old, new, 1))
     assert words in said(capsys, 2, "estimate", wrong, "-o", tmp_path / "out")

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robots import seven
+from robots import MODEL, seven
 
 import tdcr_fe as tdcr
 
@@ -30,7 +30,7 @@ def tracked(own, of, begin):
     for k, target in enumerate(PATH):
         samples.append(own.step(replace(played[-1], time=0.1 * k), [], target))
         played.append(samples[-1].command)
-    tips = tdcr.simulate(of, tdcr.Model(elements_per_bay=1), played).raise_if_failed().tips[1:]
+    tips = tdcr.simulate(of, MODEL, played).raise_if_failed().tips[1:]
     return samples, np.linalg.norm(tips[:, :2] - np.array(PATH, dtype=float)[:, :2], axis=1)
 
 
@@ -51,8 +51,7 @@ def test_friction_in_the_model_is_compensated_through_reversals():
 def test_commands_are_of_the_kind_that_is_measured(drive):
     spool = tdcr.Spool(radius=DRUM) if drive == "motor_angles" else None
     of = robot(axial_stiffness=2000.0, spool=spool)
-    model = tdcr.Model(elements_per_bay=1)
-    wound = tdcr.simulate(of, model, [BEGIN]).steps[0].displacements / (DRUM if spool else 1.0)
+    wound = tdcr.simulate(of, MODEL, [BEGIN]).steps[0].displacements / (DRUM if spool else 1.0)
     begin = tdcr.LoadStep(**{drive: dict(zip(NAMES, wound.tolist(), strict=True))})
     samples, errors = tracked(tracker(of, tolerance=1e-4), of, begin)
     assert all(set(getattr(s.command, drive)) == set(NAMES) and not s.command.tensions for s in samples)
@@ -81,13 +80,13 @@ def test_after_the_deadline_the_last_good_command_is_kept():
 
 def test_a_tip_that_is_on_its_target_is_kept_there_without_a_message():
     """Without friction and with constant loads: of the samples on one target the last ones find nothing to change."""
-    of, model = robot(0.0), tdcr.Model(elements_per_bay=1, friction="none")
-    own, command = tracker(of, "none"), BEGIN
+    of, command = robot(0.0), BEGIN
+    own = tracker(of, "none")
     for k in range(8):
         found = own.step(replace(command, time=0.1 * k), [], PATH[0])
         assert not found.message
         command = found.command
-    tip = tdcr.simulate(of, model, [command]).tips[-1]
+    tip = tdcr.simulate(of, replace(MODEL, friction="none"), [command]).tips[-1]
     assert found.error == pytest.approx(np.linalg.norm(tip[:2] - PATH[0][:2]), abs=1e-8)
     assert found.error < 1e-5
 
