@@ -25,10 +25,8 @@ def arc_step(robot: Robot, number: int, angle: float, phi: float, tensions: np.n
         n = len(robot.hole_arc_lengths(each)) - 1
         profiles.append(tension * 0.9 ** np.arange(n))
         states.append((*("pull" if i % 2 else "stick" for i in range(n - 1)), "anchor"))
-    inputs = {
-        "base_tensions": np.asarray(tensions, float),
-        "displacements": np.full(len(states), 4.5e-3 * angle),
-    }
+    inputs = {"base_tensions": np.asarray(tensions, dtype=float)}
+    inputs["displacements"] = np.full(len(robot.tendons), 4.5e-3 * angle)
     found = {"tensions": tuple(profiles), "hole_states": tuple(states), **inputs}
     given = {"label": "", "converged": True, "iterations": 4, "substeps": 1, "residual": 1e-11, **rest}
     return StepResult(step=number, s=s, positions=positions, rotations=rotations, **found, **given)
