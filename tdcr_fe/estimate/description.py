@@ -111,7 +111,7 @@ def memory(prior: LoadPrior | InputPrior, elapsed: float) -> tuple[float, float]
 
 @dataclass(frozen=True, eq=False)
 class Passage:
-    """What the readings of a frame have told of its unknowns, and how these go on; see `smoothed`."""
+    """What the readings of a frame say about its unknowns, and how these go on; see `smoothed`."""
 
     kept: Array  # (n,): What is left of the unknowns at the end of the frame before
     covariance: Array  # (n, n): Before the readings

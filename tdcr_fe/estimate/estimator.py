@@ -196,14 +196,14 @@ class Estimator:
             state = Solved.of(frame, self._mean, UNSOLVED)
             return self._estimate(state, self._mean, state.response, self._covariance, np.nan, message)
         state, unknowns = found.point, found.unknowns
-        jacobian, pull = state.jacobian, of_volume + state.pull(mean, covariance)
-        variances = np.diagonal(posterior_covariance(covariance, state.jacobian))
-        state, unknowns = self._at_present_values(state, unknowns, variances[self._problem.parameters])
+        jacobian, after = state.jacobian, posterior_covariance(covariance, state.jacobian)
+        state, unknowns = self._at_present_values(state, unknowns, after)
         history = self._problem.history
         for _ in range(STATES - found.states if read else 0):
             self._volume = self._volume.renewed(state, held)
         self.simulation.position = state.position
-        after = posterior_covariance(covariance, state.jacobian)
+        if state is not found.point:
+            after = posterior_covariance(covariance, state.jacobian)
         response, likely = state.with_likely_states(covariance, after)
         self.simulation.return_to(Position(state.moved(unknowns)))
         self._mean, self._last = unknowns.copy(), state
@@ -213,21 +213,20 @@ class Estimator:
         end = carried @ after @ carried.T
         self._covariance = 0.5 * (end + end.T)
         by = state.response.positions, state.response.rotations, state.response.base_tensions
-        passage = Passage(kept, covariance, jacobian, pull, carried, *by)
+        passage = Passage(kept, covariance, jacobian, of_volume + found.pull, carried, *by)
         return replace(self._estimate(state, unknowns, response, likely, found.misfit, ""), passage=passage)
 
-    def _at_present_values(self, state: Solved, unknowns: Array, variances: Array) -> tuple[Solved, Array]:
+    def _at_present_values(self, state: Solved, unknowns: Array, covariance: Array) -> tuple[Solved, Array]:
         """A solved frame and its unknowns, with effects at the values found where these are a standard deviation off.
 
-        As it is where that is not solved; ``variances``: of the errors of the effects, given the readings.
+        As it is where that is not solved; ``covariance``: of the unknowns, given the readings.
         """
-        problem, which = self._problem, self._problem.parameters
-        effects, counted = problem.effects.moved(unknowns[which]), unknowns.copy()
-        change = effects.coordinates - problem.effects.coordinates
-        if not np.any(change**2 > variances):
+        problem, which, counted = self._problem, self._problem.parameters, unknowns.copy()
+        change = problem.effects.within_bounds(unknowns[which])
+        if not np.any(change**2 > np.diagonal(covariance)[which]):
             return state, unknowns
         counted[which] -= change
-        own, start = problem.with_effects(effects), state.frame.start.state
+        own, start = problem.with_effects(problem.effects.moved(change)), state.frame.start.state
         start = own.simulation.system.warm_start(start, start.stored())  # its unloaded shape may be another
         solved = replace(state.frame, problem=own, start=Position(start)).solved(counted)
         if solved is None:

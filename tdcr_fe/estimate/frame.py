@@ -253,7 +253,9 @@ class Frame:
             if found is None:
                 return None
             at = found.point
-            found = replace(found, misfit=found.misfit + shift**2 / variance)
+            pull = found.pull.copy()  # of the prior at any place
+            pull[PLACE] += shift / variance - given @ pull
+            found = replace(found, pull=pull, misfit=found.misfit + shift**2 / variance)
         return found
 
     def solved(self, unknowns: Array, near: Solved | None = None) -> Solved | None:
@@ -453,12 +455,6 @@ class Solved:
         residual, by_node = frame.weighted(*compared)
         jacobian = by_node @ self.by_unknowns
         return linear_start(covariance, residual - jacobian @ self._change_to(frame, mean), jacobian)
-
-    def pull(self, mean: Array, covariance: Array) -> Array:
-        """``v`` at the least misfit of the linear model, shape (n,)."""
-        missed = self.residual + self.jacobian @ (self.unknowns - mean)
-        inner = self.jacobian @ covariance @ self.jacobian.T + np.eye(len(missed))
-        return np.asarray(self.jacobian.T @ np.linalg.solve(inner, missed))
 
     def best_place(self, mean: Array, given: Array, held: Array, variance: float) -> tuple[float, Array]:
         """Where the load explains the readings best by the linear model.

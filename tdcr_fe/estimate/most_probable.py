@@ -60,6 +60,7 @@ class Found(Generic[P]):
 
     point: P  # The last one that was solved, where derivatives are taken
     unknowns: Array  # (n,): Where the linear model there has its least misfit; or as solved, where that is not trusted
+    pull: Array  # (n,): ``v`` there
     misfit: float
     possible_gain: float  # By how much the linear model could still lower the misfit [1]
     states: int  # That were solved
@@ -128,7 +129,7 @@ def most_probable(
             break
         point, v, before = better, v + step, linear.length(step)
         value = misfit(v, point)
-    return Found(point, mean + covariance @ v, value, gain, states)
+    return Found(point, mean + covariance @ v, v, value, gain, states)
 
 
 def linear_start(covariance: Array, residual: Array, jacobian: Array) -> Array:

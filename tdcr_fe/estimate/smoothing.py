@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 from tdcr_fe.elements import Array
 from tdcr_fe.estimate.description import Estimate, Passage
 from tdcr_fe.estimate.frame import LOAD, PLACE
-from tdcr_fe.estimate.most_probable import posterior_covariance
 
 
 def smoothed(frames: Sequence[Estimate]) -> list[Estimate]:
@@ -33,11 +32,11 @@ def smoothed(frames: Sequence[Estimate]) -> list[Estimate]:
         if later is not None:
             kept, later_pull, later_information = later
             forward = kept[:, None] * now.carried
-            back, told = forward.T @ later_pull, forward.T @ later_information @ forward
-            after = posterior_covariance(before, jacobian)
-            found[k] = _moved(found[k], now, after @ back, after - after @ told @ after, frames[-1])
+            back, seen = forward.T @ later_pull, forward.T @ later_information @ forward
+            after = before - before @ information @ before
+            found[k] = _moved(found[k], now, after @ back, after - after @ seen @ after, frames[-1])
             left = np.eye(len(before)) - information @ before
-            pull, information = pull + left @ back, information + left @ told @ left.T
+            pull, information = pull + left @ back, information + left @ seen @ left.T
         later = now.kept, pull, information
     return found
 

@@ -57,11 +57,16 @@ class UncertainEffects:
         inverse = [p.inverse for p in self._parameters]
         return np.sqrt(variances) * np.where(inverse, self.values(errors) ** 2, 1.0)
 
+    def within_bounds(self, errors: Array) -> Array:
+        """The errors that keep the numbers within their bounds, shape (q,)."""
+        numbers = zip(self._parameters, self.values(errors), strict=True)
+        return np.array([p.coordinate(np.clip(x, p.lower, p.upper)) for p, x in numbers]) - self.coordinates
+
     def moved(self, errors: Array) -> UncertainEffects:
-        """At other values, within their bounds."""
+        """At other values; the errors are within bounds."""
         effects = {name: dict(own) for name, own in self.prior.effects.items()}
-        for (name, key), p, value in zip(self._keys, self._parameters, self.values(errors), strict=True):
-            effects.setdefault(name, {})[key] = float(np.clip(value, p.lower, p.upper))
+        for (name, key), value in zip(self._keys, self.values(errors).tolist(), strict=True):
+            effects.setdefault(name, {})[key] = value
         return replace(self, prior=replace(self.prior, effects=effects))
 
     def derivatives(self, handle: TDCR) -> ExplicitDerivatives:

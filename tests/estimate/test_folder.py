@@ -211,8 +211,8 @@ def identified(path, errors):
 def test_effects_that_identify_found_act_with_their_covariance(wrong, tmp_path, capsys):
     declared = read_estimation(wrong)
     identified(wrong, [1e-9, 0.01, 1.0])  # the gain is no more than a stand-in, and has no covariance
-    told = said(capsys, 0, "estimate", wrong, "-o", tmp_path / "out")
-    assert "bending stiffness by row: not a listed effect, left out" in told
+    warned = said(capsys, 0, "estimate", wrong, "-o", tmp_path / "out")
+    assert "bending stiffness by row: not a listed effect, left out" in warned
     found = pd.read_csv(tmp_path / "out" / "estimates.csv")
     names = ["stiffness_scale.bending", "precurvature.kappa_x"]
     assert list(found.columns[-4:]) == [x for name in names for x in (name, f"sigma_{name}")]
