@@ -64,7 +64,8 @@ class Problem:
     effects: UncertainEffects
     simulation: Simulation  # With the effects at their present values
     observation: Observation
-    # Nodes that may carry the load; several, base plate left out, where its place is unknown
+    # Arc lengths that may carry the load [m], and their nodes; several, base plate left out, where it is unknown
+    places: Sequence[float]
     loaded: Index
     input_sigmas: Array  # (m,): Standard deviations of the inputs
     explicit: ExplicitDerivatives  # By the parameters whose errors are among the unknowns
@@ -83,11 +84,11 @@ class Problem:
         simulation = Simulation(own.robot, own.model, resolve(own.robot, own.steps), settings)
         loaded = np.array([simulation.handle.mesh.node_at(s, 1e-6) for s in places])
         explicit = effects.derivatives(simulation.handle)
-        return cls(effects, simulation, observation, loaded, input_sigmas, explicit)
+        return cls(effects, simulation, observation, places, loaded, input_sigmas, explicit)
 
     def with_effects(self, effects: UncertainEffects) -> Problem:
         """With effects at other values, without the warnings on these."""
-        given = self.simulation.settings, self.observation, self.s[self.loaded].tolist(), self.input_sigmas
+        given = self.simulation.settings, self.observation, self.places, self.input_sigmas
         with warnings_to():
             return Problem.of(effects, *given)
 
@@ -125,7 +126,7 @@ class Problem:
         """
         if len(self.loaded) == 1:  # its place is known
             return np.ones(1), np.zeros(1)
-        nodes = np.concatenate(([0.0], self.s[self.loaded]))
+        nodes = np.concatenate(([0.0], self.places))
         k = int(np.clip(np.searchsorted(nodes, place), 1, len(nodes) - 1))
         before, after = np.eye(len(nodes))[k - 1 : k + 1]
         length = nodes[k] - nodes[k - 1]
@@ -147,8 +148,8 @@ class Problem:
     def actuation(self, commands: Actuation, unknowns: Array) -> Actuation:
         """Inputs and loads that act."""
         loads = dict(commands.loads)
-        for node, share in zip(self.loaded, self.shares(unknowns[PLACE])[0], strict=True):
-            at, load = float(self.s[node]), share * unknowns[LOAD]
+        for at, share in zip(self.places, self.shares(unknowns[PLACE])[0], strict=True):
+            load = share * unknowns[LOAD]
             loads[name_at(at)] = Load(at=at, force=tuple(load[:3]), moment=tuple(load[3:]))
         return replace(commands, values=self.acting(commands, unknowns)[0], loads=loads)
 

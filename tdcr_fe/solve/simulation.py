@@ -121,11 +121,18 @@ class Simulation:
 
         Raises
         ------
+        ValueError
+            A load is none of those that were named.
         StepFailed
             The state is then that of the last substep that converged.
         """
         robot = self.handle.actuation
         acting = {self.load_key(name, load): (load.force, load.moment) for name, load in target.loads.items()}
+        if unknown := acting.keys() - self.loads:
+            name, at, frame = min(unknown)
+            raise ValueError(
+                f"load {name!r} at {at!r} m ({frame}): must be named by the steps given to Simulation"
+            )
         for key, item in self.loads.items():
             item.set(*acting.get(key, (np.zeros(3), np.zeros(3))))
         robot.inputs, robot.drives = target.values, target.drives
