@@ -58,10 +58,10 @@ DISKS = Keys({**keys_of(Disks), **_PLACES}, {**keys_of(Disks).defaults, **dict.f
 _RADIUS = Quantity(
     "radius of the (round) cross-section, or pairs of arc length and radius from base to tip, linear in between",
     "m",
-    allowed="a positive number [m] up to 1000, or pairs of arc length and radius above 0 [m]",
+    allowed="a positive number [m] up to 1000, or pairs of arc length and such a radius [m]",
 )
-_PAIRS = tuple[tuple[float, Annotated[float, Quantity(gt=0.0)]], ...]
-_RADII = Annotated[float, Quantity(ge=1e-9, le=1000.0)] | Annotated[_PAIRS, Quantity(min_items=1)]
+_ONE = Annotated[float, Quantity(ge=1e-9, le=1000.0)]
+_RADII = _ONE | Annotated[tuple[tuple[float, _ONE], ...], Quantity(min_items=1)]
 #: Keys of ``[backbone]``; its radius may change along it.
 BACKBONE = Keys({**keys_of(Backbone), "radius": Annotated[_RADII, _RADIUS]}, keys_of(Backbone).defaults)
 

@@ -154,6 +154,8 @@ class Outcome:
     force_error: float  # root of the mean square of the distance [mN]
     force_nees: float  # mean of the error in units of its covariance, squared; ideally 3
     inside: float  # part of the frames inside the 95 % interval
+    smoothed_error: float  # as `force_error`, given also the readings of later frames [mN]
+    smoothed_nees: float
     tension_nees: float  # the same of the tensions, for three degrees of freedom
     shape_error: float  # largest of any node, over the length [%]
     # of frames whose force exceeds three standard deviations: median and 95 % within, over the length [%]
@@ -207,9 +209,10 @@ def run(friction: float, tension_sigma: float, seed: int, options: argparse.Name
         frames.append(own.step(drawn.step(drawn.commands, k), readings))
         times.append(1e3 * (process_time() - begun))
     counted = slice(BEGINNING, None)
-    forces = np.array([f.force for f in frames])[counted]
-    covariances = np.array([f.force_covariance for f in frames])[counted]
+    forces, covariances = _forces(frames, counted)
     force = forces - drawn.forces[counted]
+    later, of_later = _forces(tdcr.smoothed(frames), counted)
+    later = later - drawn.forces[counted]
     tension = (np.array([f.tensions for f in frames]) - drawn.tensions)[counted]
     of_force = squared(force, covariances)
     of_tension = squared(tension, np.array([f.tension_covariance for f in frames])[counted])
@@ -221,9 +224,11 @@ def run(friction: float, tension_sigma: float, seed: int, options: argparse.Name
         friction,
         tension_sigma,
         seed,
-        1e3 * float(np.sqrt(np.mean(np.sum(force**2, axis=1)))),
+        _millinewtons(force),
         float(of_force.mean()),
         float(np.mean(of_force < chi2.ppf(0.95, 3))),
+        _millinewtons(later),
+        float(squared(later, of_later).mean()),
         float(of_tension.mean()) * 3.0 / tension.shape[1],
         100.0 * float(max(shapes[counted])) / LENGTH,
         float(place),
@@ -232,6 +237,17 @@ def run(friction: float, tension_sigma: float, seed: int, options: argparse.Name
         float(np.quantile(times, 0.95)),
         sum(bool(f.message) for f in frames),
     )
+
+
+def _forces(frames: Sequence[tdcr.Estimate], counted: slice) -> tuple[Array, Array]:
+    """Forces, and their covariances."""
+    forces, covariances = (f.force for f in frames), (f.force_covariance for f in frames)
+    return np.array([*forces])[counted], np.array([*covariances])[counted]
+
+
+def _millinewtons(errors: Array) -> float:
+    """Root of the mean square of a distance."""
+    return 1e3 * float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))
 
 
 class Estimation(Campaign):
