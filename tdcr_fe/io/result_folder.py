@@ -91,17 +91,14 @@ def _nodes(path: Path, steps: list[int]) -> Nodes:
     return Nodes(values[0, :, 0], values[:, :, 1:4], values[:, :, 4:])
 
 
-def _tensions(
-    path: Path, names: list[str], steps: list[int]
-) -> tuple[tuple[Array, ...], tuple[tuple[tuple[str, ...], ...], ...]]:
+def _tensions(path: Path, names: list[str], steps: list[int]) -> tuple[tuple[Array, ...], tuple[Any, ...]]:
     """By tendon: tensions of shape (n_steps, n_segments), and the states of holes by step."""
     table = _table(path, ["step", "segment", "tension"], ["tendon", "hole_state"])
     if wrong := sorted(set(table.hole_state) - set(HOLE_STATES)):
         raise refusal(path, f"must be one of {', '.join(HOLE_STATES)}", "hole_state", wrong[0])
     by_tendon = [table[table.tendon == name] for name in names]
     tensions = tuple(_by_step(rows[["step", "tension"]], path, steps)[:, :, 0] for rows in by_tendon)
-    states = (rows.hole_state.to_numpy().reshape(len(steps), -1).tolist() for rows in by_tendon)
-    return tensions, tuple(tuple(map(tuple, of_tendon)) for of_tendon in states)
+    return tensions, tuple(rows.hole_state.to_numpy().reshape(len(steps), -1) for rows in by_tendon)
 
 
 def _markers(folder: Path, steps: list[int]) -> Markers | None:

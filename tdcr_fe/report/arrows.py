@@ -20,6 +20,14 @@ LONGEST = 0.2
 END_ON = 0.15
 
 
+def free_corner(limits: Array, points: Array) -> Array:
+    """Point near the corner of a rectangle or box, of limits of shape (d, 2), that is farthest from points (n, d)."""
+    ends = limits @ [[0.88, 0.12], [0.12, 0.88]]
+    corners = np.stack(np.meshgrid(*ends), axis=-1).reshape(-1, len(ends))
+    gaps = np.linalg.norm(points - corners[:, None], axis=2).min(axis=1)
+    return np.asarray(corners[int(np.argmax(gaps))])
+
+
 class LoadArrows:
     """Arrows of the loads of those steps of a motion that are drawn (from 0), and of gravity.
 
@@ -93,13 +101,10 @@ class _Plane(NamedTuple):
 
     def gravity(self, gravity: Array, points: Array) -> None:
         """An arrow in the direction of gravity in the corner that is farthest from points of the robot [mm]."""
-        (left, right), (bottom, top) = self.axes.get_xlim(), self.axes.get_ylim()
-        shares = [(x, y) for x in (0.13, 0.87) for y in (0.12, 0.88)]
-        corners = np.array([(left + x * (right - left), bottom + y * (top - bottom)) for x, y in shares])
-        gaps = np.linalg.norm(points[None, :, [self.i, self.j]] - corners[:, None], axis=2).min(axis=1)
+        limits, plane = np.array([self.axes.get_xlim(), self.axes.get_ylim()]), [self.i, self.j]
         place = np.zeros(3)
-        place[[self.i, self.j]] = corners[int(np.argmax(gaps))]
-        direction = 0.09 * (top - bottom) * gravity / np.linalg.norm(gravity)
+        place[plane] = free_corner(limits, points[:, plane])
+        direction = 0.09 * np.ptp(limits[1]) * gravity / np.linalg.norm(gravity)
         self.arrow(place - direction / 2.0, direction, GRAVITY)
         text: dict[str, Any] = {"textcoords": "offset points", "color": GRAVITY, "va": "bottom"}
-        self.axes.annotate("g", tuple(place[[self.i, self.j]]), xytext=(7, 3), style="italic", **text)
+        self.axes.annotate("g", tuple(place[plane]), xytext=(7, 3), style="italic", **text)

@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 
 from tdcr_fe.elements import Array
 from tdcr_fe.model.results import SequenceResult
-from tdcr_fe.report.arrows import LoadArrows
+from tdcr_fe.report.arrows import LoadArrows, free_corner
 from tdcr_fe.report.motion import MM, Motion, motion_of, spread
-from tdcr_fe.report.style import AZIMUTH, ELEVATION, space, styled
+from tdcr_fe.report.style import space, styled
 from tdcr_fe.report.viewer_data import SLACK, STATES, hole_codes
 
 #: Number of steps whose shape is drawn: more hide each other.
@@ -166,18 +166,7 @@ class _Shapes:
         axes.add_collection3d(plate)
         if len(self.path):
             axes.plot(*self.path.T, color=_PATH, lw=0.9, ls=_DASHES)
-        self.arrows.draw_spatial(axes, self.free_corner())
-
-    def free_corner(self) -> Array:
-        """Point near that corner of the box which lies farthest from all backbones where the viewer sees it [mm]."""
-        up, turn = np.radians((ELEVATION, AZIMUTH))
-        right = np.array([-np.sin(turn), np.cos(turn), 0.0])
-        above = np.array([-np.sin(up) * np.cos(turn), -np.sin(up) * np.sin(turn), np.cos(up)])
-        seen = np.column_stack((right, above))
-        ends = self.limits @ [[0.9, 0.1], [0.1, 0.9]]
-        corners = np.array(np.meshgrid(*ends, indexing="ij")).reshape(3, -1).T
-        gaps = np.linalg.norm((np.concatenate(self.curves)[None] - corners[:, None]) @ seen, axis=2)
-        return np.asarray(corners[int(np.argmax(gaps.min(axis=1)))])
+        self.arrows.draw_spatial(axes, free_corner(self.limits, np.concatenate(self.curves)))
 
     def handles(self) -> list[Line2D]:
         """Entries of the legend."""

@@ -95,8 +95,7 @@ def hole_codes(motion: Motion) -> list[NDArray[np.uint8]]:
     """
     codes = []
     for tensions, states in zip(motion.tensions, motion.hole_states, strict=True):
-        code = np.array([[STATES.index(x) for x in row] for row in states], dtype=np.uint8)
-        code = code.reshape(tensions.shape)
+        code = np.select([states == name for name in STATES], np.arange(len(STATES), dtype=np.uint8))
         loose = tensions <= SLACK * motion.largest_tension
         code[:, :-1][loose[:, :-1] & loose[:, 1:]] = STATES.index("slack")
         codes.append(code)
