@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from tdcr_fe.effects import actuation, by_tendon, disks, holes, material, observation, places, timing
+from tdcr_fe.effects import actuation, by_tendon, disks, material, observation, places
 from tdcr_fe.effects.base import Effect, ExcitationRange, Experiment, Observation, Parameter
 from tdcr_fe.effects.places import EffectAtPlace, PlaceEffect
 from tdcr_fe.model.loading import in_newtons_and_metres
 
 #: Every effect, in the order in which several are applied: the command first, the measurement last.
 EFFECTS: tuple[Effect, ...] = (
-    timing.TimeLag(),
+    actuation.TimeLag(),
     actuation.ActuatorGain(),
     actuation.ActuatorBacklash(),
     actuation.ActuatorLoss(),
@@ -28,11 +28,11 @@ EFFECTS: tuple[Effect, ...] = (
     material.BaseCompliance(),
     disks.RigidDisks(),
     material.Creep(),
-    holes.HoleFriction(),
-    holes.HoleAdhesion(),
+    by_tendon.HoleFriction(),
+    by_tendon.HoleAdhesion(),
     disks.RoutingTwist(),
     disks.MisplacedChannels(),
-    holes.HoleClearance(),
+    by_tendon.HoleClearance(),
     by_tendon.TendonStretch(),
     by_tendon.Pretension(),
     places.SoftBay(),

@@ -1,4 +1,4 @@
-"""Write texts, JSON and folders of files atomically: either all of a file is written or the old one stays."""
+"""Write texts, JSON, records and folders of files atomically: all of a file is written, or the old one stays."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ import json
 import math
 import os
 import shutil
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -128,3 +130,61 @@ def write_folder(out: StrPath, write: Callable[[Path], None], ours: Iterable[str
     finally:
         shutil.rmtree(staging, ignore_errors=True)
     return [out / name for name in names]
+
+
+class OtherHead(ValueError):
+    """A file of lines begins with another head, or with none; the message names the keys that differ."""
+
+
+@dataclass(frozen=True)
+class Lines:
+    """One file: a head, then a line of JSON for each record.
+
+    Each line is handed to the operating system whole, so that a kill loses no finished line; what it cut off is removed
+    when the file is read.
+
+    Attributes
+    ----------
+    path : pathlib.Path
+    head : mapping
+        First line: all that the records depend on.
+    """
+
+    path: Path
+    head: Mapping[str, Any]
+
+    def begin(self, fresh: bool = False) -> None:
+        """A new file without records where there is none, or where a ``fresh`` one is asked for.
+
+        Raises
+        ------
+        OtherHead
+            The file that stays has another head.
+        """
+        if fresh or not self.path.exists():
+            write_text(to_json(self.head, indent=None), self.path)
+            return
+        expected, there = json.loads(to_json(self.head)), None
+        with self.path.open("rb") as file, suppress(ValueError):
+            there = json.loads(file.readline())
+        if there != expected:
+            differing = [k for k in expected if isinstance(there, dict) and there.get(k) != expected[k]]
+            what = f"{', '.join(differing)} differ" if differing else "it does not begin with a head"
+            raise OtherHead(f"holds the records of another run: {what}")
+
+    def records(self) -> Iterator[Any]:
+        """What all lines but the head hold; from a line on that is cut off they are removed."""
+        with self.path.open("rb") as file:
+            file.readline()  # the head
+            end = file.tell()
+            for line in file:
+                if not line.endswith(b"\n"):
+                    break
+                end += len(line)
+                yield json.loads(line)
+        os.truncate(self.path, end)
+
+    def append(self, record: Mapping[str, Any]) -> None:
+        """Append a record, and hand it to the operating system."""
+        with self.path.open("ab", buffering=0) as file:
+            file.write(to_json(record, indent=None).encode())

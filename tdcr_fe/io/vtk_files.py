@@ -14,7 +14,7 @@ from tdcr_fe.elements import Array
 from tdcr_fe.io.atomic import write_folder
 from tdcr_fe.report.environment import environment
 from tdcr_fe.report.motion import Motion
-from tdcr_fe.report.viewer_data import hole_codes
+from tdcr_fe.report.viewer import hole_codes
 
 #: Name of the list of all load steps, which ParaView opens.
 LIST = "robot.pvd"
@@ -51,7 +51,7 @@ def vtk_text(motion: Motion, step: int, codes: Sequence[NDArray[np.uint8]]) -> s
 
     Lines are the backbone and the sides of the tendons, polygons the disks, vertices the holes and the places of
     loads. Cell arrays: ``part`` (`PARTS`), ``tendon`` (number from 0, or -1), ``tension`` [N] (NaN elsewhere) and
-    ``hole_state`` (number in `tdcr_fe.report.viewer_data.STATES`; 255 elsewhere). Point arrays: ``arc_length`` and
+    ``hole_state`` (number in `tdcr_fe.report.viewer.STATES`; 255 elsewhere). Point arrays: ``arc_length`` and
     ``radius`` of the backbone [m] (NaN off it), ``force`` [N] and ``moment`` [N m].
 
     Parameters
@@ -59,7 +59,7 @@ def vtk_text(motion: Motion, step: int, codes: Sequence[NDArray[np.uint8]]) -> s
     motion, step
         What is written.
     codes
-        States of the holes, see `tdcr_fe.report.viewer_data.hole_codes`.
+        States of the holes, see `tdcr_fe.report.viewer.hole_codes`.
     """
     verts, lines = [], [_Cell("Lines", motion.positions[step], "backbone")]
     for j, tendon in enumerate(motion.tendons):

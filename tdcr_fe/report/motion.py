@@ -16,9 +16,8 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from tdcr_fe.elements import Array, Flags, Index
 from tdcr_fe.model.columns import quaternions
-from tdcr_fe.model.interpolation import interpolate_positions
 from tdcr_fe.model.loading import Load
-from tdcr_fe.model.results import SequenceResult
+from tdcr_fe.model.results import SequenceResult, interpolate_positions
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.model.tendon import Tendon
 

@@ -15,8 +15,7 @@ from numpy.typing import ArrayLike
 
 from tdcr_fe.report.page import Picture
 from tdcr_fe.report.style import COLOURS, HEAT, INK, PALE, styled
-from tdcr_fe.sweeps.result import SweepResult, display
-from tdcr_fe.sweeps.statistics import varies
+from tdcr_fe.sweeps.result import SweepResult, display, varies
 
 #: Most inputs in one picture.
 MOST_INPUTS = 6

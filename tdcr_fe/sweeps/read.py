@@ -34,11 +34,11 @@ from tdcr_fe.sweeps.description import (
     Range,
     Sampling,
     Sweep,
+    Uniform,
     Variation,
     Workspace,
 )
 from tdcr_fe.sweeps.keys import KeyProblem, parse_key, unit_of
-from tdcr_fe.sweeps.sampling import Uniform
 
 #: Most values of one variation that are checked (of more, as many at equal distances), and most cases that are tried
 #: with a value that is wrong alone.

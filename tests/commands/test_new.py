@@ -9,7 +9,7 @@ import pytest
 import tdcr_fe as tdcr
 from tdcr_fe import Backbone, LoadStep, Model, SolverSettings, cli
 from tdcr_fe.io.keys import DISKS, ROBOT, tendon_keys
-from tdcr_fe.io.templates import EXAMPLES
+from tdcr_fe.io.write_toml import EXAMPLES
 from tdcr_fe.model.channels import CHANNELS
 from tdcr_fe.model.routing import ROUTINGS
 from tdcr_fe.model.schema import keys_of

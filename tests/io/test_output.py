@@ -20,7 +20,7 @@ from tdcr_fe.io import result_files as output
 from tdcr_fe.io.vtk_files import PARTS, write_vtk
 from tdcr_fe.model.columns import quaternions
 from tdcr_fe.report.motion import motion_of
-from tdcr_fe.report.viewer_data import STATES
+from tdcr_fe.report.viewer import STATES
 
 
 def test_columns_are_those_of_the_format_also_without_a_solved_step(tmp_path):

@@ -18,8 +18,7 @@ from inputs import write
 from tdcr_fe import Load, LoadStep, Model, SequenceResult, cli, write_results
 from tdcr_fe.io.result_folder import read_motion
 from tdcr_fe.report.motion import CURVE_POINTS, Markers, motion_of
-from tdcr_fe.report.viewer import view_page
-from tdcr_fe.report.viewer_data import LEVELS, STATES, quantised, thinned
+from tdcr_fe.report.viewer import LEVELS, STATES, quantised, thinned, view_page
 
 
 def page_data(html: str) -> dict:

@@ -9,12 +9,11 @@ import pytest
 from scipy import stats
 
 from tdcr_fe.report.style import panels
+from tdcr_fe.sweeps import description
 from tdcr_fe.sweeps.cases import ABOUT_CASE
-from tdcr_fe.sweeps.description import Output, Range, Sampling, Sweep, Variation
+from tdcr_fe.sweeps.description import LogNormal, Normal, Output, Range, Sampling, Sweep, Uniform, Variation
 from tdcr_fe.sweeps.figures import sobol
-from tdcr_fe.sweeps.result import SweepResult
-from tdcr_fe.sweeps.sampling import LogNormal, Normal, Uniform, unit_points
-from tdcr_fe.sweeps.statistics import sobol_indices
+from tdcr_fe.sweeps.result import SweepResult, sobol_indices
 
 A, B = 7.0, 0.1
 #: Indices of Ishigami's function (Ishigami and Homma 1990; Saltelli et al., Sensitivity Analysis, 2000, section 2.9.3).
@@ -26,7 +25,7 @@ TOTAL = np.array([_V1 + _V13, _V2, _V13]) / (_V1 + _V2 + _V13)
 
 
 def ishigami_sample(n):
-    x, y, z = np.pi * (2.0 * unit_points("saltelli", n, 3, 1).T - 1.0)
+    x, y, z = np.pi * (2.0 * description.unit_points("saltelli", n, 3, 1).T - 1.0)
     return np.sin(x) + A * np.sin(y) ** 2 + B * z**4 * np.sin(x)
 
 
@@ -95,7 +94,7 @@ def test_a_range_has_equal_distances_or_ratios():
 
 @pytest.mark.parametrize("method", ["latin-hypercube", "sobol", "saltelli"])
 def test_the_seed_decides_the_sample(method):
-    a, b, c = (unit_points(method, 16, 2, seed) for seed in (1, 1, 2))
+    a, b, c = (description.unit_points(method, 16, 2, seed) for seed in (1, 1, 2))
     assert np.array_equal(a, b) and not np.array_equal(a, c)
 
 
