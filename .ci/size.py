@@ -26,20 +26,20 @@ from pathlib import Path
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
     "elements": 2446,
-    "tdcr_fe": 245,
-    "tdcr_fe/commands": 772,
-    "tdcr_fe/effects": 1215,
+    "tdcr_fe": 244,
+    "tdcr_fe/commands": 767,
+    "tdcr_fe/effects": 1213,
     "tdcr_fe/estimate": 1462,
-    "tdcr_fe/identify": 6136,
-    "tdcr_fe/io": 1757,
+    "tdcr_fe/identify": 6135,
+    "tdcr_fe/io": 1749,
     "tdcr_fe/live": 352,
-    "tdcr_fe/model": 2434,
-    "tdcr_fe/report": 1082,
-    "tdcr_fe/scene": 1330,
-    "tdcr_fe/solve": 6320,
-    "tdcr_fe/sweeps": 1378,
-    "validation": 6408,
-    "tests": 12477,
+    "tdcr_fe/model": 2423,
+    "tdcr_fe/report": 1081,
+    "tdcr_fe/scene": 1329,
+    "tdcr_fe/solve": 6319,
+    "tdcr_fe/sweeps": 1371,
+    "validation": 6400,
+    "tests": 12474,
 }
 #: Rooms that are no part of the product.
 BESIDE = ("tests", "validation")

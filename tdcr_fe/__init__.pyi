@@ -52,6 +52,8 @@ from .model.results import SequenceResult as SequenceResult
 from .model.results import StepResult as StepResult
 from .model.robot import Disks as Disks
 from .model.robot import Robot as Robot
+from .model.robot import Spool as Spool
+from .model.robot import Tendon as Tendon
 from .model.routing import ConvergingRouting as ConvergingRouting
 from .model.routing import HelicalRouting as HelicalRouting
 from .model.routing import ParallelRouting as ParallelRouting
@@ -62,8 +64,6 @@ from .model.targets import FollowResult as FollowResult
 from .model.targets import ReachedTarget as ReachedTarget
 from .model.targets import TensionLimits as TensionLimits
 from .model.targets import TipTarget as TipTarget
-from .model.tendon import Spool as Spool
-from .model.tendon import Tendon as Tendon
 from .native import register as register
 from .scene.builder import CreateTDCR as CreateTDCR
 from .scene.handle import TDCR as TDCR

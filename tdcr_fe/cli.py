@@ -1,6 +1,6 @@
 """The command ``tdcr-fe``: parses arguments, prints, and turns outcomes into exit statuses. No physics.
 
-The commands are those of `tdcr_fe.commands.catalogue`; the module of one is imported when it is called.
+The commands are those of `tdcr_fe.commands.common`; the module of one is imported when it is called.
 """
 
 from __future__ import annotations
@@ -15,8 +15,7 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from tdcr_fe import __version__
-from tdcr_fe.commands.catalogue import COMMANDS
-from tdcr_fe.commands.common import Exit, Noted, complain, stdout_kept_free
+from tdcr_fe.commands.common import COMMANDS, Exit, Noted, complain, stdout_kept_free
 from tdcr_fe.io.processes import sigterm_as_interrupt
 from tdcr_fe.model.messages import count, meant, warnings_to
 

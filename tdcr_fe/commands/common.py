@@ -1,4 +1,7 @@
-"""What the commands share: exit statuses, messages on stderr, progress bars, and what ``--json`` prints."""
+"""What the commands share: exit statuses, messages on stderr, progress bars, what ``--json`` prints; and every command.
+
+What a command does, its arguments, two examples, and its function are in ``data/commands.toml``.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +21,11 @@ if TYPE_CHECKING:
     from tdcr_fe.io.problems import Problem
     from tdcr_fe.model.loading import LoadStep, Model
     from tdcr_fe.model.robot import Robot
+import math
+import re
+import tomllib
+from collections.abc import Callable
+from importlib.resources import files
 
 
 class Exit(IntEnum):
@@ -121,3 +129,83 @@ def stdout_kept_free(args: argparse.Namespace) -> Iterator[None]:
     args.quiet = True
     with redirect_stdout(sys.stderr):
         yield
+
+
+# ----------------------------------------------------------------------------------------------------- every command
+
+
+def whole(least: int, most: float = math.inf) -> Callable[[str], int]:
+    """A whole number between bounds, as a type for `argparse`."""
+    upper = f"from {least} to {most}" if math.isfinite(most) else f"at least {least}"
+
+    def read(text: str) -> int:
+        if not (text.isascii() and text.isdecimal() and least <= int(text) <= most):
+            raise argparse.ArgumentTypeError(f"{text!r}; must be a whole number, {upper}")
+        return int(text)
+
+    return read
+
+
+def minutes(text: str) -> float:
+    """A positive number, as a type for `argparse`."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = 0.0
+    if not 0.0 < number < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r}; must be a number of minutes above zero")
+    return number
+
+
+#: Types of arguments by their names in the file.
+TYPES: dict[str, Callable[[str], float]] = {"number": float, "minutes": minutes}
+_FILE = tomllib.loads((files("tdcr_fe") / "data" / "commands.toml").read_text(encoding="utf-8"))
+
+
+@dataclass(frozen=True)
+class Command:
+    """A subcommand; the file says what its fields are."""
+
+    handler: str
+    help: str
+    examples: list[str]
+    more: str = ""
+    arguments: str = ""
+    shared: list[str] = field(default_factory=list)
+    failure: str = ""
+    options: dict[str, dict[str, Any]] = field(default_factory=dict)
+
+    @property
+    def description(self) -> str:
+        """What it does, at the top of its own help."""
+        return f"{self.help[0].upper()}{self.help[1:]}. {self.more}"
+
+    def parsed_arguments(self) -> Iterator[tuple[list[str], dict[str, Any]]]:
+        """Flags or the name of every argument, and the options of `add_argument`."""
+        lines = re.sub(r"\n\s+", " ", self.arguments).splitlines()
+        for line in [*lines, *(_FILE["shared"][name] for name in self.shared)]:
+            names, _, text = line.partition("  ")
+            *flags, value = names.split()
+            options: dict[str, Any] = {"help": text.strip()}
+            if value.endswith("..."):
+                options["nargs"], value = "+", value.removesuffix("...")
+            if value.startswith("{"):
+                options["choices"] = tuple(value.strip("{}").split(","))
+                options["default"] = options["choices"][0]
+            elif value.isupper() or "." in value:
+                options["metavar"] = value
+            else:
+                flags.append(value)
+            name = flags[-1].lstrip("-")
+            options |= self.options.get(name, _FILE["options"].get(name, {}))
+            if "whole" in options:
+                options["type"] = whole(*options.pop("whole"))
+            elif "type" in options:
+                options["type"] = TYPES[options["type"]]
+            elif flags[0].startswith("-") and not options.keys() & {"metavar", "choices"}:
+                options["action"] = "store_true"
+            yield flags, options
+
+
+#: Every command, by name.
+COMMANDS = {name: Command(**table) for name, table in _FILE["commands"].items()}

@@ -10,8 +10,7 @@ from tdcr_fe.commands.common import Exit, progress_bar, say
 from tdcr_fe.io.atomic import check_output_folder, write_text
 from tdcr_fe.io.problems import refusal
 from tdcr_fe.io.result_files import VIEW_PAGE
-from tdcr_fe.io.result_folder import read_motion
-from tdcr_fe.io.vtk_files import write_vtk
+from tdcr_fe.io.result_folder import read_motion, write_vtk
 from tdcr_fe.model.messages import count
 from tdcr_fe.report import video
 from tdcr_fe.report.viewer import summary, view_page

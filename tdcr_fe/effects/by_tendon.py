@@ -19,8 +19,7 @@ from tdcr_fe.effects.base import (
     Values,
 )
 from tdcr_fe.model.checks import ARC_TOLERANCE
-from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.tendon import Tendon
+from tdcr_fe.model.robot import Robot, Tendon
 
 
 def segments(robot: Robot) -> tuple[tuple[str, ...], ...]:

@@ -10,8 +10,8 @@ from typing import ClassVar
 from tdcr_fe.effects.base import Bounds, Effect, ExcitationRange, Experiment, Kind, Parameter, Points, Values
 from tdcr_fe.effects.by_tendon import for_each
 from tdcr_fe.model.backbone import StiffnessPatch
+from tdcr_fe.model.robot import Tendon
 from tdcr_fe.model.routing import MisplacedRouting, TwistedRouting
-from tdcr_fe.model.tendon import Tendon
 
 
 class RigidDisks(Effect):

@@ -26,9 +26,8 @@ from tdcr_fe.model.checks import size_contradictions
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, in_newtons_and_metres
 from tdcr_fe.model.messages import PlausibilityRemark, PlausibilityWarning, TDCRWarning
 from tdcr_fe.model.plausibility import plausibility
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Robot, by_tendon
 from tdcr_fe.model.schema import FieldError
-from tdcr_fe.model.tendon import by_tendon
 
 #: Files of a folder of measured data; the second one may be missing.
 FILES = ("robot.toml", "model.toml", "loading.csv", "observations.csv")

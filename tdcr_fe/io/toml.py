@@ -25,10 +25,9 @@ from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.checks import ARC_TOLERANCE, Contradiction
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
 from tdcr_fe.model.messages import shown
-from tdcr_fe.model.robot import Disks, Robot
+from tdcr_fe.model.robot import Disks, Robot, Tendon
 from tdcr_fe.model.routing import ROUTINGS
 from tdcr_fe.model.schema import FieldError, keys_of
-from tdcr_fe.model.tendon import Tendon
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,7 @@ from tdcr_fe.elements import Array, Flags, Index
 from tdcr_fe.model.columns import quaternions
 from tdcr_fe.model.loading import Load
 from tdcr_fe.model.results import SequenceResult, interpolate_positions
-from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.tendon import Tendon
+from tdcr_fe.model.robot import Robot, Tendon
 
 #: Millimetres in a metre.
 MM = 1e3

@@ -21,8 +21,8 @@ from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
 from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.messages import join, meant, quoted, shown
 from tdcr_fe.model.plausibility import plausibility
+from tdcr_fe.model.robot import by_tendon
 from tdcr_fe.model.schema import FieldError, Keys, Quantity
-from tdcr_fe.model.tendon import by_tendon
 from tdcr_fe.model.units import PATTERN, number_or_none, with_units
 from tdcr_fe.sweeps.cases import ABOUT_CASE, columns_of_steps, tables_with
 from tdcr_fe.sweeps.description import (

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 import tdcr_fe as tdcr
 from tdcr_fe import Load, LoadStep, write_results
 from tdcr_fe.io import result_files as output
-from tdcr_fe.io.vtk_files import PARTS, write_vtk
+from tdcr_fe.io.result_folder import PARTS, write_vtk
 from tdcr_fe.model.columns import quaternions
 from tdcr_fe.report.motion import motion_of
 from tdcr_fe.report.viewer import STATES

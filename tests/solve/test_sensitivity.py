@@ -10,9 +10,8 @@ from robots import BACKBONE, LENGTH, tendon
 from tdcr_fe import Experiment, SequenceResult, StribeckFriction, simulate, with_effects
 from tdcr_fe.model.backbone import StiffnessPatch, Superelastic
 from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
-from tdcr_fe.model.robot import Disks, Robot, SideSpring
+from tdcr_fe.model.robot import Disks, Robot, SideSpring, Spool, TightHole
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting
-from tdcr_fe.model.tendon import Spool, TightHole
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter, effect_parameter, parameters
 from tdcr_fe.validation.random_robots import draw
 

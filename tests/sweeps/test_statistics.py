@@ -12,7 +12,7 @@ from tdcr_fe.report.style import panels
 from tdcr_fe.sweeps import description
 from tdcr_fe.sweeps.cases import ABOUT_CASE
 from tdcr_fe.sweeps.description import LogNormal, Normal, Output, Range, Sampling, Sweep, Uniform, Variation
-from tdcr_fe.sweeps.figures import sobol
+from tdcr_fe.sweeps.report import sobol
 from tdcr_fe.sweeps.result import SweepResult, sobol_indices
 
 A, B = 7.0, 0.1

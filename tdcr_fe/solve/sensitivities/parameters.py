@@ -18,9 +18,8 @@ import numpy as np
 from tdcr_fe.effects import EFFECTS, Experiment, effect, with_effects
 from tdcr_fe.elements import Array
 from tdcr_fe.model.checks import ARC_TOLERANCE
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Robot, Tendon
 from tdcr_fe.model.routing import PointsRouting, Routing, TurnedRouting
-from tdcr_fe.model.tendon import Tendon
 
 #: Components of a load of the current step, in the order of its six values.
 LOAD_COMPONENTS = ("force_x", "force_y", "force_z", "moment_x", "moment_y", "moment_z")
