@@ -33,7 +33,7 @@ BUDGET = {
     "tdcr_fe/identify": 6135,
     "tdcr_fe/io": 1749,
     "tdcr_fe/live": 352,
-    "tdcr_fe/model": 2423,
+    "tdcr_fe/model": 2415,
     "tdcr_fe/report": 1081,
     "tdcr_fe/scene": 1329,
     "tdcr_fe/solve": 6319,
