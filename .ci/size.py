@@ -26,8 +26,8 @@ from pathlib import Path
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
     "elements": 2446,
-    "tdcr_fe": 244,
-    "tdcr_fe/commands": 767,
+    "tdcr_fe": 245,
+    "tdcr_fe/commands": 766,
     "tdcr_fe/effects": 1213,
     "tdcr_fe/estimate": 1462,
     "tdcr_fe/identify": 6135,
@@ -39,7 +39,7 @@ BUDGET = {
     "tdcr_fe/solve": 6319,
     "tdcr_fe/sweeps": 1371,
     "validation": 6400,
-    "tests": 12474,
+    "tests": 12481,
 }
 #: Rooms that are no part of the product.
 BESIDE = ("tests", "validation")

@@ -118,7 +118,8 @@ def _run(args: argparse.Namespace) -> int:
         sys.stdout.flush()
         return status
     except KeyboardInterrupt:
-        return _ended(args, Exit.INTERRUPTED, "interrupted; no results were written")
+        further = " further" * bool(args.noted.files)
+        return _ended(args, Exit.INTERRUPTED, f"interrupted; no{further} results were written")
     except BrokenPipeError:  # the reader of the output was closed
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return Exit.DONE

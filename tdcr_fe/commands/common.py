@@ -5,14 +5,17 @@ What a command does, its arguments, two examples, and its function are in ``data
 
 from __future__ import annotations
 
+import _thread
 import argparse
 import shlex
 import sys
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import asdict, dataclass, field
 from enum import IntEnum
 from pathlib import Path
+from threading import Event, Thread
 from typing import TYPE_CHECKING, Any
 
 from tdcr_fe.model.messages import PlausibilityRemark, TDCRWarning, count
@@ -76,6 +79,48 @@ def progress_bar(args: argparse.Namespace, total: int | None = None, **options: 
     from tqdm import tqdm
 
     return tqdm(total=total, leave=False, file=sys.stderr, disable=True if args.quiet else None, **options)
+
+
+#: Every so often it is looked whether anything was solved, and whether what is left will take so long [s].
+LOOK, LONG_RUN = 5.0, 60.0
+
+
+class Clock:
+    """Announces long work after some seconds, and interrupts it at its time limit as Ctrl-C does."""
+
+    def __init__(self, total: int, noun: str, minutes: float | None) -> None:
+        self.total, self.noun, self.minutes = total, noun, minutes
+        self.solved, self.reason = 0, "interrupted"  # how many, and why the work ended
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """Until the block ends."""
+        done = Event()
+        Thread(target=self._watch, args=(done,), daemon=True).start()
+        try:
+            yield
+        finally:
+            done.set()
+
+    def _watch(self, done: Event) -> None:
+        limit = math.inf if self.minutes is None else 60.0 * self.minutes
+        begun, wait, before, announced = time.perf_counter(), min(LOOK, limit), 0, False
+        while not done.wait(wait):
+            elapsed = time.perf_counter() - begun
+            if elapsed > limit:
+                self.reason = f"stopped at the time limit of {count(limit / 60.0, 'minute')}"
+                wait = LOOK  # and again, until the work has ended: a callback of Exudyn may lose it
+                _thread.interrupt_main()
+                continue
+            # The first ones may each take long, on every mesh that is tried.
+            some = self.solved > max(before, self.total // 20)
+            left = elapsed * (self.total / self.solved - 1.0) if some else math.inf
+            if left > LONG_RUN and not announced:
+                announced = True
+                about = f"about {left / 60.0:.0f} minutes more" if some else "this may take minutes"
+                solved = f"{self.solved} of {count(self.total, self.noun)} solved in {elapsed:.0f} s"
+                complain(f"{solved}: {about}; Ctrl-C or --minutes keeps what is solved")
+            before = self.solved
 
 
 @dataclass
@@ -146,19 +191,17 @@ def whole(least: int, most: float = math.inf) -> Callable[[str], int]:
     return read
 
 
-def minutes(text: str) -> float:
+def positive(text: str) -> float:
     """A positive number, as a type for `argparse`."""
     try:
         number = float(text)
     except ValueError:
         number = 0.0
     if not 0.0 < number < math.inf:
-        raise argparse.ArgumentTypeError(f"{text!r}; must be a number of minutes above zero")
+        raise argparse.ArgumentTypeError(f"{text!r}; must be a number above zero, without a unit")
     return number
 
 
-#: Types of arguments by their names in the file.
-TYPES: dict[str, Callable[[str], float]] = {"number": float, "minutes": minutes}
 _FILE = tomllib.loads((files("tdcr_fe") / "data" / "commands.toml").read_text(encoding="utf-8"))
 
 
@@ -200,8 +243,8 @@ class Command:
             options |= self.options.get(name, _FILE["options"].get(name, {}))
             if "whole" in options:
                 options["type"] = whole(*options.pop("whole"))
-            elif "type" in options:
-                options["type"] = TYPES[options["type"]]
+            elif options.pop("positive", False):
+                options["type"] = positive
             elif flags[0].startswith("-") and not options.keys() & {"metavar", "choices"}:
                 options["action"] = "store_true"
             yield flags, options

@@ -64,8 +64,8 @@ def write_json(value: Any, path: StrPath, indent: int | None = 2) -> None:
     write_text(to_json(value, indent), path)
 
 
-def check_output_folder(out: StrPath) -> Path:
-    """The directory that results are to go to, refused where it cannot be one.
+def check_output_folder(out: StrPath, option: str = "-o") -> Path:
+    """The directory that results are to go to, by the option that gives it, refused where it cannot be one.
 
     Raises
     ------
@@ -87,11 +87,11 @@ def check_output_folder(out: StrPath) -> Path:
     except (OSError, ValueError) as error:
         wrong = f"cannot be a directory: {getattr(error, 'strerror', None) or error}"
     if wrong:
-        raise refusal("-o", wrong, value=str(out))
+        raise refusal(option, wrong, value=str(out))
     return out
 
 
-def write_folder(out: StrPath, write: Callable[[Path], None], ours: Iterable[str] = ()) -> list[Path]:
+def write_folder(out: StrPath, write: Callable[[Path], object], ours: Iterable[str] = ()) -> list[Path]:
     """Let ``write`` fill an empty directory, then move the files from there into ``out``.
 
     Parameters
