@@ -118,8 +118,8 @@ def _run(args: argparse.Namespace) -> int:
         sys.stdout.flush()
         return status
     except KeyboardInterrupt:
-        further = " further" * bool(args.noted.files)
-        return _ended(args, Exit.INTERRUPTED, f"interrupted; no{further} results were written")
+        text = "interrupted; no results were written"
+        return _ended(args, Exit.INTERRUPTED, text.replace("no", "no further") if args.noted.files else text)
     except BrokenPipeError:  # the reader of the output was closed
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return Exit.DONE
