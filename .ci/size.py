@@ -37,7 +37,7 @@ BUDGET = {
     "tdcr_fe/report": 1081,
     "tdcr_fe/scene": 1329,
     "tdcr_fe/solve": 6319,
-    "tdcr_fe/sweeps": 1371,
+    "tdcr_fe/sweeps": 1370,
     "validation": 6400,
     "tests": 12481,
 }

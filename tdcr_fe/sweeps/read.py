@@ -121,6 +121,8 @@ def read_sweep(source: StrPath | Mapping[str, Any], effects: Sequence[StrPath] =
     wrong = bool(report.problems)
     if scenario and "output" in top:
         _check_output(top["output"], scenario, report)
+    if wrong and scenario and top.get("vary"):  # what is wrong with keys is told, too: of one case
+        _check_values(Sweep(tables, top["vary"], Sampling("sobol", 1)), user_effects, report)
     if wrong:
         report.refuse()
     sampling, output, workspace = top["sampling"], top["output"], top["workspace"]
