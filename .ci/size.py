@@ -28,7 +28,7 @@ BUDGET = {
     "elements": 2446,
     "tdcr_fe": 245,
     "tdcr_fe/commands": 766,
-    "tdcr_fe/effects": 1213,
+    "tdcr_fe/effects": 1199,
     "tdcr_fe/estimate": 1462,
     "tdcr_fe/identify": 6135,
     "tdcr_fe/io": 1749,

@@ -67,10 +67,13 @@ class TendonNumber(SharedNumber):
     """
 
     field: ClassVar[str]
+    #: Whether a search tries the same number for all tendons alone.
+    common: ClassVar[bool] = False
 
     def declared(self, experiment: Experiment, tendon: Tendon) -> float:
-        """What a tendon declares."""
-        return float(getattr(tendon, self.field))
+        """What a tendon declares; zero where it is friction, and the model has none."""
+        without = self.needs_friction and experiment.model.friction == "none"
+        return 0.0 if without else float(getattr(tendon, self.field))
 
     def with_number(self, tendon: Tendon, value: float) -> Tendon:
         """A tendon with another number."""
@@ -87,11 +90,11 @@ class TendonNumber(SharedNumber):
 
     def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
         """The same for all tendons, one for each segment, one for each, and that of a single one."""
-        if self.needs_disks and experiment.robot.without_disks:
-            return ()
+        forms = super().forms(experiment)
+        if self.common or not forms:
+            return forms
         names = experiment.robot.tendon_names
         groups = self._groups(experiment.robot)
-        forms: tuple[Effect, ...] = (self,)
         if 1 < len(groups) < len(names):
             forms = (*forms, NumberForm(self, "by segment", tuple(groups), experiment))
         if len(names) > 1:
@@ -121,8 +124,14 @@ class TendonNumber(SharedNumber):
             return declared[0]
         return one.value(sum(map(one.coordinate, declared)) / len(declared))
 
+    def changes(self, experiment: Experiment, values: Values) -> bool:
+        """Whether any value differs from what is declared."""
+        return any(x != self.null_value(experiment, name) for name, x in values.items())
+
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
-        """See `Effect.apply`."""
+        """See `Effect.apply`; friction is switched on where the model has none and the effect needs it."""
+        if self.needs_friction and not (experiment.robot.tendons and self.changes(experiment, values)):
+            return experiment
         # Of the parameters that are given, a tendon takes the most particular one, which is the last.
         given = [(key, names) for key, names in self._parts(experiment.robot).items() if key in values]
         key_of = {t: key for key, names in given for t in names}
@@ -138,7 +147,8 @@ class TendonNumber(SharedNumber):
                     value = self.combined(declared, null, value)
                 t = self.with_number(t, value)
             tendons.append(t)
-        return experiment.with_robot(tendons=tuple(tendons))
+        changed = experiment.with_robot(tendons=tuple(tendons))
+        return changed.with_friction() if self.needs_friction else changed
 
     @property
     def _name(self) -> str:
@@ -180,16 +190,12 @@ class NumberForm(Form):
 class OfTendon(NumberForm):
     """The number of a single tendon."""
 
-    def choices(self, robot: Robot) -> int:
-        """See `Effect.choices`."""
-        return len(robot.tendons)
-
 
 def of_single_tendons(effect: SharedNumber, experiment: Experiment) -> tuple[Effect, ...]:
     """The number of an effect for one tendon, of every tendon of a robot; none where there is only one."""
     name, tendons = effect.parameters[0].name, experiment.robot.tendon_names
     several = tendons if len(tendons) > 1 else ()
-    return tuple(OfTendon(effect, t, (f"{name}_{t}",), experiment) for t in several)
+    return tuple(OfTendon(effect, t, (f"{name}_{t}",), experiment, len(tendons)) for t in several)
 
 
 class TendonStretch(TendonNumber):
@@ -260,8 +266,7 @@ class Pretension(TendonNumber):
             No tendon is elastic.
         """
         tendons = experiment.robot.tendons
-        given = any(x != self.null_value(experiment, name) for name, x in values.items())
-        if given and tendons and not any(self.applies_to(t) for t in tendons):
+        if tendons and not any(map(self.applies_to, tendons)) and self.changes(experiment, values):
             text = "no tendon is elastic; give their axial_stiffness, or tendon_stretch"
             raise ValueError(f"effect pretension: {text}")
         return super().apply(experiment, values)
@@ -292,24 +297,17 @@ class HoleFriction(TendonNumber):
     needs_disks = needs_friction = True
     parameters = (Parameter("mu", "1", 0.0, 3.0, 0.0, 0.03, "coefficient of friction at the holes"),)
 
-    def declared(self, experiment: Experiment, tendon: Tendon) -> float:
-        """Its coefficient; zero where the model has no friction."""
-        return 0.0 if experiment.model.friction == "none" else tendon.friction_coefficient
-
     def applies_to(self, tendon: Tendon) -> bool:
         """Laws of the coefficient are kept."""
         return tendon.friction is None
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
-        """See `Effect.apply`; friction is switched on where the model has none."""
-        changed = any(x != self.null_value(experiment, name) for name, x in values.items())
-        if not changed or not experiment.robot.tendons:
-            return experiment
-        if experiment.model.friction == "none":
+        """See `TendonNumber.apply`; without friction in the model, tendons with other numbers have none."""
+        if experiment.model.friction == "none" and self.changes(experiment, values):
             tendons = experiment.robot.tendons
             without = [self.with_number(t, 0.0) if self.applies_to(t) else t for t in tendons]
             experiment = experiment.with_robot(tendons=tuple(without))
-        return super().apply(experiment, values).with_friction()
+        return super().apply(experiment, values)
 
 
 class HoleAdhesion(TendonNumber):
@@ -320,18 +318,10 @@ class HoleAdhesion(TendonNumber):
     Distinguished by: measure the tension at the far end of a tendon in the straight robot, at several tensions.
     """
 
-    name, field = "hole_adhesion", "adhesion"
+    name, field, common = "hole_adhesion", "adhesion", True
     kind = Kind("transmission", ("slip",))
     needs_disks = needs_friction = True
     parameters = (Parameter("drop", "N", 0.0, 10.0, 0.0, 5e-3, "tension that one hole takes"),)
-
-    def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
-        """The same for all tendons."""
-        return Effect.forms(self, experiment)
-
-    def declared(self, experiment: Experiment, tendon: Tendon) -> float:
-        """Its drop; zero where the model has no friction."""
-        return 0.0 if experiment.model.friction == "none" else tendon.adhesion
 
     def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
         """All holes together take a twentieth, or a fifth, of the largest tension."""
@@ -341,12 +331,6 @@ class HoleAdhesion(TendonNumber):
             return []
         declared = self.null_values(experiment)["drop"]
         return [[{"drop": declared + share * excitation.tension / holes}] for share in (0.05, 0.2)]
-
-    def apply(self, experiment: Experiment, values: Values) -> Experiment:
-        """See `Effect.apply`; friction is switched on where the model has none."""
-        if all(x == self.null_value(experiment, name) for name, x in values.items()):
-            return experiment
-        return super().apply(experiment, values).with_friction()
 
 
 class HoleClearance(TendonNumber):
@@ -358,14 +342,10 @@ class HoleClearance(TendonNumber):
     Distinguished by: repeat the measurement with a thicker tendon, or measure the holes.
     """
 
-    name, field = "hole_clearance", "clearance"
+    name, field, common = "hole_clearance", "clearance", True
     kind = Kind("routing", ("curvature",))
     needs_disks = True
     parameters = (Parameter("clearance", "m", 0.0, 5e-3, 0.0, 1e-4, "how far the tendon can shift sideways"),)
-
-    def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
-        """The same for all tendons."""
-        return Effect.forms(self, experiment)
 
     def bounds(self, experiment: Experiment) -> Bounds:
         """At most half of the smallest offset, or the declared value."""
