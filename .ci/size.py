@@ -31,7 +31,7 @@ BUDGET = {
     "tdcr_fe/effects": 1199,
     "tdcr_fe/estimate": 1462,
     "tdcr_fe/identify": 6135,
-    "tdcr_fe/io": 1749,
+    "tdcr_fe/io": 1743,
     "tdcr_fe/live": 352,
     "tdcr_fe/model": 2415,
     "tdcr_fe/report": 1081,

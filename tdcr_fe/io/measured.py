@@ -15,10 +15,9 @@ import pandas as pd
 from tdcr_fe.effects import Experiment, Observation, with_effects
 from tdcr_fe.elements.drives import DRIVES
 from tdcr_fe.io.atomic import write_text
-from tdcr_fe.io.loading_table import Loading, loading_table, read_loading
 from tdcr_fe.io.problems import InputError, Problem, Reporter, StrPath, read_all, refusal
 from tdcr_fe.io.readings import BadRow, Reading, observations_table, read_observations, read_rows
-from tdcr_fe.io.spreadsheet import read_table
+from tdcr_fe.io.tables import Loading, loading_table, read_loading, read_table
 from tdcr_fe.io.toml import digest, read_model_tables, read_robot
 from tdcr_fe.io.user_effects import apply_effects
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml, value_to_toml
