@@ -1,4 +1,4 @@
-"""Tables: as spreadsheets write them, with decimal commas, too; the loading sequence and the targets of the tip in them.
+"""Tables: as spreadsheets write them, with decimal commas, too; the loading sequence and the targets in them.
 
 Every mistake is named by its line and column.
 """
