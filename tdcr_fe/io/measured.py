@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from tdcr_fe.effects import Experiment, Observation, with_effects
@@ -338,13 +337,10 @@ def with_columns(text: str, data: MeasuredData) -> str:
 
 def impossible_place(data: MeasuredData) -> str:
     """A marker that most readings place farther from the base than the backbone is long up to it, as a sentence."""
-    squares: dict[float, dict[int, float]] = {}
-    for r in data.readings:
-        if r.channel.family == "position" and isinstance(r.location, float):
-            own = squares.setdefault(r.location, {})
-            own[r.step] = own.get(r.step, 0.0) + r.value**2
-    for s, by_step in sorted(squares.items()):
-        far = float(np.sqrt(np.median(list(by_step.values()))))
+    rows = [(r.location, r.step, r.value**2) for r in data.readings if r.channel.family == "position"]
+    squares = pd.DataFrame(rows, columns=["s", "step", "square"]).groupby(["s", "step"])["square"].sum()
+    usual = squares.groupby("s").median() ** 0.5
+    for s, far in zip(usual.index.to_numpy(dtype=float), usual.to_numpy(dtype=float), strict=True):
         if far > s + ELSEWHERE * data.robot.backbone.length:
             return (
                 f"the marker at s = {s:g} m is read {far:.4g} m from the base, farther than the backbone reaches up to "
