@@ -16,9 +16,9 @@ from .estimate.tracking import Tracker as Tracker
 from .identify import IdentificationResult as IdentificationResult
 from .identify import IdentifySettings as IdentifySettings
 from .identify import identify as identify
+from .io.files import InputError as InputError
 from .io.keys import json_schema as json_schema
 from .io.measured import read_measured as read_measured
-from .io.problems import InputError as InputError
 from .io.readings import Reading as Reading
 from .io.result_files import view as view
 from .io.result_files import write_results as write_results

@@ -59,7 +59,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         message = f"{error}{_meant(error, given)}"
         print(f"{error.parser.prog}: error: {message}", file=sys.stderr)
         if "--json" in given:
-            from tdcr_fe.io.problems import Problem
+            from tdcr_fe.io.files import Problem
 
             noted.errors, noted.message = [Problem("arguments", "", "", message)], message
             _print_json(noted, command, Exit.WRONG_INPUT)
@@ -126,7 +126,7 @@ def _run(args: argparse.Namespace) -> int:
     except OSError as error:  # a disk that is full, a directory that is read-only
         return _ended(args, Exit.FAILED, f"stopped: {error.strerror or error}: {error.filename or 'output'}")
     except Exception as error:
-        from tdcr_fe.io.problems import InputError
+        from tdcr_fe.io.files import InputError
 
         if not isinstance(error, InputError):
             raise
@@ -146,7 +146,7 @@ def _ended(args: argparse.Namespace, status: int, message: str) -> int:
 
 
 def _print_json(noted: Noted, command: str, status: int) -> None:
-    from tdcr_fe.io.atomic import to_json
+    from tdcr_fe.io.files import to_json
 
     print(to_json(noted.document(command, status)), end="", flush=True)
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
 
-from tdcr_fe.io.atomic import Lines
+from tdcr_fe.io.files import Lines
 from tdcr_fe.io.processes import as_completed, worker_pool
 from tdcr_fe.model.messages import warnings_to
 

@@ -19,8 +19,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from tdcr_fe.io.atomic import OtherHead, check_output_folder, plain, write_text
-from tdcr_fe.io.problems import InputError
+from tdcr_fe.io.files import InputError, OtherHead, check_output_folder, plain, write_text
 from tdcr_fe.io.processes import sigterm_as_interrupt
 from tdcr_fe.io.result_files import versions
 from tdcr_fe.model.messages import count

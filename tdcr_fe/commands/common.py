@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 from tdcr_fe.model.messages import PlausibilityRemark, TDCRWarning, count
 
 if TYPE_CHECKING:
-    from tdcr_fe.io.problems import Problem
+    from tdcr_fe.io.files import Problem
     from tdcr_fe.model.loading import LoadStep, Model
     from tdcr_fe.model.robot import Robot
 import math

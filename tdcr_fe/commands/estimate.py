@@ -9,7 +9,7 @@ import numpy as np
 from tdcr_fe.commands.common import Exit, complain, complain_of_left_out, print_understood, progress_bar, say
 from tdcr_fe.estimate.report import write_estimates
 from tdcr_fe.estimate.run import read_estimation, run_estimation
-from tdcr_fe.io.atomic import check_output_folder
+from tdcr_fe.io.files import check_output_folder
 from tdcr_fe.model.messages import count
 from tdcr_fe.report.environment import quantity
 

@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from tdcr_fe.commands.common import Clock, Exit, complain, print_understood, progress_bar, say, typed
-from tdcr_fe.io.atomic import check_output_folder
-from tdcr_fe.io.problems import InputError, Problem, read_all, refusal
+from tdcr_fe.io.files import InputError, Problem, check_output_folder, read_all, refusal
 from tdcr_fe.io.result_files import TARGETS, write_follow
 from tdcr_fe.io.tables import read_path
 from tdcr_fe.io.toml import digest, read_model_file, read_robot

@@ -16,9 +16,8 @@ from tdcr_fe.identify.robots import identify_robots
 from tdcr_fe.identify.search_state import Progress
 from tdcr_fe.identify.sentences import summary
 from tdcr_fe.identify.settings import GRACE, IdentifySettings, clock
-from tdcr_fe.io.atomic import check_output_folder, write_json
+from tdcr_fe.io.files import check_output_folder, refusal, write_json
 from tdcr_fe.io.measured import MeasuredData, join_measured, read_measured
-from tdcr_fe.io.problems import refusal
 from tdcr_fe.io.user_effects import read_own_effects
 from tdcr_fe.model.messages import warnings_to
 

@@ -7,7 +7,7 @@ import webbrowser
 from pathlib import Path
 
 from tdcr_fe.commands.common import Exit, complain
-from tdcr_fe.io.problems import refusal
+from tdcr_fe.io.files import refusal
 from tdcr_fe.io.toml import read_model_file, read_robot
 from tdcr_fe.live.notebook import LiveRobot
 from tdcr_fe.live.played import PlayedRobot

@@ -16,8 +16,7 @@ import numpy as np
 import pandas as pd
 
 from tdcr_fe.commands.common import Clock, Exit, complain, print_understood, progress_bar, say, typed
-from tdcr_fe.io.atomic import check_output_folder, write_folder
-from tdcr_fe.io.problems import InputError, Problem, read_all, refusal
+from tdcr_fe.io.files import InputError, Problem, check_output_folder, read_all, refusal, write_folder
 from tdcr_fe.io.result_files import write_results
 from tdcr_fe.io.toml import Scenario, read_scenario
 from tdcr_fe.io.user_effects import read_own_effects

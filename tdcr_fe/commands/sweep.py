@@ -8,8 +8,7 @@ import importlib
 import pandas as pd
 
 from tdcr_fe.commands.common import Exit, complain, print_understood, progress_bar, say
-from tdcr_fe.io.atomic import check_output_folder
-from tdcr_fe.io.problems import read_all
+from tdcr_fe.io.files import check_output_folder, read_all
 from tdcr_fe.model.messages import count
 from tdcr_fe.sweeps.cases import scenario_of
 from tdcr_fe.sweeps.description import Sweep

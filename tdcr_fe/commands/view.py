@@ -7,8 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from tdcr_fe.commands.common import Exit, progress_bar, say
-from tdcr_fe.io.atomic import check_output_folder, write_text
-from tdcr_fe.io.problems import read_all, refusal
+from tdcr_fe.io.files import check_output_folder, read_all, refusal, write_text
 from tdcr_fe.io.result_files import VIEW_PAGE
 from tdcr_fe.io.result_folder import read_motion, write_vtk
 from tdcr_fe.model.messages import count

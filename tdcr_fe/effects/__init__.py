@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from tdcr_fe.effects import actuation, by_tendon, disks, material, observation, places
+from tdcr_fe.effects import actuation, by_tendon, material, observation, places
 from tdcr_fe.effects.base import Effect as Effect
 from tdcr_fe.effects.base import ExcitationRange as ExcitationRange
 from tdcr_fe.effects.base import Experiment as Experiment
@@ -31,12 +31,12 @@ EFFECTS: tuple[Effect, ...] = (
     material.NonlinearBackbone(),
     material.Precurvature(),
     material.BaseCompliance(),
-    disks.RigidDisks(),
+    material.RigidDisks(),
     material.Creep(),
     by_tendon.HoleFriction(),
     by_tendon.HoleAdhesion(),
-    disks.RoutingTwist(),
-    disks.MisplacedChannels(),
+    material.RoutingTwist(),
+    material.MisplacedChannels(),
     by_tendon.HoleClearance(),
     by_tendon.TendonStretch(),
     by_tendon.Pretension(),

@@ -7,17 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, ClassVar
 
-from tdcr_fe.effects.base import (
-    Bounds,
-    Effect,
-    ExcitationRange,
-    Experiment,
-    Form,
-    Kind,
-    Parameter,
-    Points,
-    Values,
-)
+from tdcr_fe.effects import base
+from tdcr_fe.effects.base import Effect, ExcitationRange, Experiment, Form, Kind, Parameter, Points, Values
 from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.robot import Robot, Tendon
 
@@ -171,7 +162,7 @@ class TendonNumber(SharedNumber):
 class NumberForm(Form):
     """One number of an effect for each of several parts: segments or tendons of a robot, folders of data."""
 
-    def bounds(self, experiment: Experiment) -> Bounds:
+    def bounds(self, experiment: Experiment) -> base.Bounds:
         """Those of the number of all."""
         (limits,) = self.of.bounds(experiment).values()
         return {p.name: limits for p in self.parameters}
@@ -347,7 +338,7 @@ class HoleClearance(TendonNumber):
     needs_disks = True
     parameters = (Parameter("clearance", "m", 0.0, 5e-3, 0.0, 1e-4, "how far the tendon can shift sideways"),)
 
-    def bounds(self, experiment: Experiment) -> Bounds:
+    def bounds(self, experiment: Experiment) -> base.Bounds:
         """At most half of the smallest offset, or the declared value."""
         robot = experiment.robot
         offsets = [math.hypot(x, y) for t in robot.tendons for x, y in robot.holes(t)]

@@ -13,8 +13,7 @@ import pandas as pd
 
 from tdcr_fe.effects import Experiment, Observation, with_effects
 from tdcr_fe.elements.drives import DRIVES
-from tdcr_fe.io.atomic import write_text
-from tdcr_fe.io.problems import InputError, Problem, Reporter, StrPath, read_all, refusal
+from tdcr_fe.io.files import InputError, Problem, Reporter, StrPath, read_all, refusal, write_text
 from tdcr_fe.io.readings import BadRow, Reading, observations_table, read_observations, read_rows
 from tdcr_fe.io.tables import Loading, loading_table, read_loading, read_table
 from tdcr_fe.io.toml import digest, read_model_tables, read_robot

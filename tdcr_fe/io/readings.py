@@ -11,7 +11,7 @@ from typing import Any
 
 import pandas as pd
 
-from tdcr_fe.io.problems import InputError, Problem, refusal
+from tdcr_fe.io.files import InputError, Problem, refusal
 from tdcr_fe.io.tables import number, read_table
 from tdcr_fe.model.channels import QUANTITIES, Channel, channel
 from tdcr_fe.model.checks import ARC_TOLERANCE

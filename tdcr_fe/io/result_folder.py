@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tdcr_fe.elements import Array
-from tdcr_fe.io.problems import StrPath, refusal
+from tdcr_fe.io.files import StrPath, refusal
 from tdcr_fe.model.columns import tendon_columns
 from tdcr_fe.model.loading import Load
 from tdcr_fe.model.results import HOLE_STATES
@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 from numpy.typing import NDArray
 
-from tdcr_fe.io.atomic import write_folder
+from tdcr_fe.io.files import write_folder
 from tdcr_fe.report.environment import environment
 from tdcr_fe.report.viewer import hole_codes
 

@@ -17,7 +17,7 @@ from typing import Annotated, Any, NamedTuple
 import pandas as pd
 
 from tdcr_fe.elements.drives import DRIVES
-from tdcr_fe.io.problems import Reporter, StrPath, read_bytes, refusal
+from tdcr_fe.io.files import Reporter, StrPath, read_bytes, refusal
 from tdcr_fe.model.loading import Actuation, Load, LoadStep, resolve
 from tdcr_fe.model.messages import PlausibilityWarning, bare, issue, meant
 from tdcr_fe.model.robot import Robot

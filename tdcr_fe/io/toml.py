@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from tdcr_fe.effects import Effect, Experiment
+from tdcr_fe.io.files import InputError, Problem, Reporter, StrPath, read_bytes, refusal
 from tdcr_fe.io.keys import BACKBONE, DISKS, MODEL_FILE, ROBOT, SCENARIO, tendon_keys
-from tdcr_fe.io.problems import InputError, Problem, Reporter, StrPath, read_bytes, refusal
 from tdcr_fe.io.user_effects import apply_effects
 from tdcr_fe.model import checks
 from tdcr_fe.model.backbone import Backbone

@@ -12,7 +12,7 @@ import exudyn
 import numpy as np
 
 from tdcr_fe.effects import Effect
-from tdcr_fe.io.problems import InputError, Problem, StrPath
+from tdcr_fe.io.files import InputError, Problem, StrPath
 from tdcr_fe.io.toml import Scenario, ScenarioTables, build_scenario, read_scenario_tables
 from tdcr_fe.io.user_effects import read_own_effects
 from tdcr_fe.model.columns import AFTER_TENDONS, tendon_columns

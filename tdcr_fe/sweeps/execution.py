@@ -19,8 +19,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tdcr_fe.io.atomic import Lines, OtherHead, check_output_folder, to_json, write_folder, write_json
-from tdcr_fe.io.problems import StrPath, refusal
+from tdcr_fe.io import files
+from tdcr_fe.io.files import Lines, OtherHead, StrPath, refusal
 from tdcr_fe.io.processes import as_completed, worker_pool
 from tdcr_fe.io.result_files import versions
 from tdcr_fe.sweeps.cases import Evaluate, Job, Outcome, solve_case
@@ -37,7 +37,7 @@ PICTURE_FILES = ("workspace.png", "sobol_indices.png", "distributions.png", "mai
 
 def head_of(sweep: Sweep, evaluate: Evaluate | None) -> dict[str, Any]:
     """First line of the journal: all that the outcomes depend on."""
-    tables = to_json([sweep.tables.scenario, sweep.tables.robot])
+    tables = files.to_json([sweep.tables.scenario, sweep.tables.robot])
     variations = []
     for v in sweep.variations:
         kind, values = v.described()
@@ -133,13 +133,13 @@ def write_sweep(result: SweepResult, out: Path, head: Mapping[str, Any], report:
 
     def write_tables(folder: Path) -> None:
         result.cases.to_csv(folder / TABLE, index=False)
-        write_json(summary_of(result, head), folder / SUMMARY)
+        files.write_json(summary_of(result, head), folder / SUMMARY)
 
-    write_folder(out, write_tables, ours=(TABLE, SUMMARY, REPORT, *PICTURE_FILES))
+    files.write_folder(out, write_tables, ours=(TABLE, SUMMARY, REPORT, *PICTURE_FILES))
     if report:
         from tdcr_fe.sweeps.report import write_report
 
-        write_folder(out, lambda folder: write_report(result, folder))
+        files.write_folder(out, lambda folder: write_report(result, folder))
 
 
 # ----------------------------------------------------------------------------------------------------------- running
@@ -232,7 +232,7 @@ def sweep(
     with ExitStack() as stack:
         folder = lines = None
         if out is not None:
-            folder = check_output_folder(out)
+            folder = files.check_output_folder(out)
             lines = stack.enter_context(journal(folder, head, fresh))
             for outcome in map(Outcome.from_record, lines.records()):
                 if not retry or outcome.status == "converged":

@@ -13,8 +13,8 @@ import numpy as np
 
 from tdcr_fe.effects import Effect
 from tdcr_fe.elements.drives import TENSION
+from tdcr_fe.io.files import InputError, Problem, Reporter, StrPath, refusal
 from tdcr_fe.io.keys import json_schema
-from tdcr_fe.io.problems import InputError, Problem, Reporter, StrPath, refusal
 from tdcr_fe.io.toml import Scenario, ScenarioTables, build_scenario, digest, read_scenario_tables, read_toml
 from tdcr_fe.io.user_effects import read_own_effects
 from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml

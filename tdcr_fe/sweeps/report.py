@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator
 from numpy.typing import ArrayLike
 
-from tdcr_fe.io.atomic import write_text
+from tdcr_fe.io.files import write_text
 from tdcr_fe.io.result_files import versions
 from tdcr_fe.model.messages import shown as value_text
 from tdcr_fe.report.environment import fixed, quantity

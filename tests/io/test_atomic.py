@@ -8,8 +8,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from tdcr_fe.io.atomic import check_output_folder, write_folder, write_json, write_text
-from tdcr_fe.io.problems import InputError
+from tdcr_fe.io.files import InputError, check_output_folder, write_folder, write_json, write_text
 
 
 def test_text_is_written_with_its_folder_and_replaces_what_was_there(tmp_path):

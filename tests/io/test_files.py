@@ -14,7 +14,7 @@ from inputs import REMOVED, ROBOT, SCENARIO, changed, write
 import tdcr_fe as tdcr
 from tdcr_fe import ConstantFriction, Disks, Load, LoadStep, Model, Robot, SolverSettings, Spool, Tendon
 from tdcr_fe.cli import main
-from tdcr_fe.io.problems import InputError, Problem
+from tdcr_fe.io.files import InputError, Problem
 from tdcr_fe.io.toml import read_model, read_model_file, read_robot, read_scenario
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml, scenario_to_toml
 from tdcr_fe.model.backbone import Backbone, StiffnessPatch, Superelastic

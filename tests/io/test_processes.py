@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from interrupts import start_python
 
-from tdcr_fe.io.atomic import OtherHead
+from tdcr_fe.io.files import OtherHead
 from tdcr_fe.io.processes import interruption_deferred, worker_pool
 from tdcr_fe.validation.records import Records
 
