@@ -32,7 +32,7 @@ BUDGET = {
     "tdcr_fe/estimate": 1462,
     "tdcr_fe/identify": 6135,
     "tdcr_fe/io": 1730,
-    "tdcr_fe/live": 352,
+    "tdcr_fe/live": 349,
     "tdcr_fe/model": 2406,
     "tdcr_fe/report": 1081,
     "tdcr_fe/scene": 1329,

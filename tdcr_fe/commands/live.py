@@ -9,7 +9,7 @@ from pathlib import Path
 from tdcr_fe.commands.common import Exit, complain
 from tdcr_fe.io.files import refusal
 from tdcr_fe.io.toml import read_model_file, read_robot
-from tdcr_fe.live.notebook import LiveRobot
+from tdcr_fe.live import LiveRobot
 from tdcr_fe.live.played import PlayedRobot
 from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.solve.load_steps.load_path import StepFailed
