@@ -1,4 +1,4 @@
-"""A robot live: a page on the user's computer, in a notebook or a browser; every change is a load step with its history."""
+"""A robot live: its page in a notebook or a browser of this computer; every change is a load step with its history."""
 
 from __future__ import annotations
 
