@@ -31,7 +31,7 @@ BUDGET = {
     "tdcr_fe/effects": 1178,
     "tdcr_fe/estimate": 1462,
     "tdcr_fe/identify": 6135,
-    "tdcr_fe/io": 1730,
+    "tdcr_fe/io": 1728,
     "tdcr_fe/live": 349,
     "tdcr_fe/model": 2406,
     "tdcr_fe/report": 1081,

@@ -167,6 +167,15 @@ def read_bytes(path: Path, named: Problem | None = None) -> bytes:
     raise InputError([replace(named, allowed=reason) if named else Problem(str(path), "", "", reason)])
 
 
+def decoded(raw: bytes, file: StrPath, reason: str) -> str:
+    """The text of a file in UTF-8; where it is none, line and byte are named with a reason."""
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = raw.count(b"\n", 0, error.start) + 1
+        raise refusal(file, reason, f"line {line}", f"byte 0x{raw[error.start]:02x}") from error
+
+
 # ----------------------------------------------------------------------------------------------------------- writing
 
 

@@ -17,7 +17,7 @@ from typing import Annotated, Any, NamedTuple
 import pandas as pd
 
 from tdcr_fe.elements.drives import DRIVES
-from tdcr_fe.io.files import Reporter, StrPath, read_bytes, refusal
+from tdcr_fe.io.files import Reporter, StrPath, decoded, read_bytes, refusal
 from tdcr_fe.model.loading import Actuation, Load, LoadStep, resolve
 from tdcr_fe.model.messages import PlausibilityWarning, bare, issue, meant
 from tdcr_fe.model.robot import Robot
@@ -93,12 +93,7 @@ def _text(path: Path) -> str:
     raw = read_bytes(path)
     if raw.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
         raise refusal(path, "is an Excel workbook; save it as CSV")
-    try:
-        return raw.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = raw.count(b"\n", 0, error.start) + 1
-        text = 'encoding: must be UTF-8; save as "CSV UTF-8"'
-        raise refusal(path, text, f"line {line}", f"byte 0x{raw[error.start]:02x}") from error
+    return decoded(raw, path, 'encoding: must be UTF-8; save as "CSV UTF-8"')
 
 
 def _with_points(path: Path, table: pd.DataFrame) -> pd.DataFrame:
