@@ -16,9 +16,9 @@ from .estimate.tracking import Tracker as Tracker
 from .identify import IdentificationResult as IdentificationResult
 from .identify import IdentifySettings as IdentifySettings
 from .identify import identify as identify
+from .io.files import InputError as InputError
 from .io.keys import json_schema as json_schema
 from .io.measured import read_measured as read_measured
-from .io.problems import InputError as InputError
 from .io.readings import Reading as Reading
 from .io.result_files import view as view
 from .io.result_files import write_results as write_results
@@ -52,6 +52,8 @@ from .model.results import SequenceResult as SequenceResult
 from .model.results import StepResult as StepResult
 from .model.robot import Disks as Disks
 from .model.robot import Robot as Robot
+from .model.robot import Spool as Spool
+from .model.robot import Tendon as Tendon
 from .model.routing import ConvergingRouting as ConvergingRouting
 from .model.routing import HelicalRouting as HelicalRouting
 from .model.routing import ParallelRouting as ParallelRouting
@@ -62,8 +64,6 @@ from .model.targets import FollowResult as FollowResult
 from .model.targets import ReachedTarget as ReachedTarget
 from .model.targets import TensionLimits as TensionLimits
 from .model.targets import TipTarget as TipTarget
-from .model.tendon import Spool as Spool
-from .model.tendon import Tendon as Tendon
 from .native import register as register
 from .scene.builder import CreateTDCR as CreateTDCR
 from .scene.handle import TDCR as TDCR

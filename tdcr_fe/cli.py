@@ -1,6 +1,6 @@
 """The command ``tdcr-fe``: parses arguments, prints, and turns outcomes into exit statuses. No physics.
 
-The commands are those of `tdcr_fe.commands.catalogue`; the module of one is imported when it is called.
+The commands are those of `tdcr_fe.commands.common`; the module of one is imported when it is called.
 """
 
 from __future__ import annotations
@@ -15,8 +15,7 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from tdcr_fe import __version__
-from tdcr_fe.commands.catalogue import COMMANDS
-from tdcr_fe.commands.common import Exit, Noted, complain, stdout_kept_free
+from tdcr_fe.commands.common import COMMANDS, Exit, Noted, complain, stdout_kept_free
 from tdcr_fe.io.processes import sigterm_as_interrupt
 from tdcr_fe.model.messages import count, meant, warnings_to
 
@@ -60,7 +59,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         message = f"{error}{_meant(error, given)}"
         print(f"{error.parser.prog}: error: {message}", file=sys.stderr)
         if "--json" in given:
-            from tdcr_fe.io.problems import Problem
+            from tdcr_fe.io.files import Problem
 
             noted.errors, noted.message = [Problem("arguments", "", "", message)], message
             _print_json(noted, command, Exit.WRONG_INPUT)
@@ -119,14 +118,15 @@ def _run(args: argparse.Namespace) -> int:
         sys.stdout.flush()
         return status
     except KeyboardInterrupt:
-        return _ended(args, Exit.INTERRUPTED, "interrupted; no results were written")
+        text = "interrupted; no results were written"
+        return _ended(args, Exit.INTERRUPTED, text.replace("no", "no further") if args.noted.files else text)
     except BrokenPipeError:  # the reader of the output was closed
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return Exit.DONE
     except OSError as error:  # a disk that is full, a directory that is read-only
         return _ended(args, Exit.FAILED, f"stopped: {error.strerror or error}: {error.filename or 'output'}")
     except Exception as error:
-        from tdcr_fe.io.problems import InputError
+        from tdcr_fe.io.files import InputError
 
         if not isinstance(error, InputError):
             raise
@@ -146,7 +146,7 @@ def _ended(args: argparse.Namespace, status: int, message: str) -> int:
 
 
 def _print_json(noted: Noted, command: str, status: int) -> None:
-    from tdcr_fe.io.atomic import to_json
+    from tdcr_fe.io.files import to_json
 
     print(to_json(noted.document(command, status)), end="", flush=True)
 

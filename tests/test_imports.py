@@ -14,7 +14,7 @@ LAYERS = (
 )
 #: Layers that read, write, draw or print, and modules of the others that do; all others are numerics.
 WITH_FILES = {"compiled", "report", "io", "validation", "commands", "cli", "__main__"}
-MODULES_WITH_FILES = {"identified", "report", "files", "limits"}
+MODULES_WITH_FILES = {"identified", "report", "execution", "limits"}
 
 
 def module_of(path: Path) -> str:

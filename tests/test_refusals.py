@@ -16,10 +16,8 @@ from tdcr_fe import Backbone, InputPrior, Load, LoadPrior, LoadStep, Model, Robo
 from tdcr_fe.effects import Experiment, with_effect
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.channels import channel
-from tdcr_fe.model.robot import SideSpring
-from tdcr_fe.model.tendon import TightHole
-from tdcr_fe.sweeps.description import Range
-from tdcr_fe.sweeps.sampling import Normal
+from tdcr_fe.model.robot import SideSpring, TightHole
+from tdcr_fe.sweeps.description import Normal, Range
 from tdcr_fe.validation.reference import ReferenceSettings, solve_reference
 
 NAN = float("nan")

@@ -6,9 +6,8 @@ import numpy as np
 
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Disks, Robot
+from tdcr_fe.model.robot import Disks, Robot, Tendon
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting, Routing
-from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.validation.drawing import Draw, RandomCase
 
 #: Largest number of tendons.

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
 
-from tdcr_fe.io.processes import worker_pool
-from tdcr_fe.io.store import Lines, as_completed
+from tdcr_fe.io.files import Lines
+from tdcr_fe.io.processes import as_completed, worker_pool
 from tdcr_fe.model.messages import warnings_to
 
 Record = dict[str, Any]

@@ -19,11 +19,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from tdcr_fe.io.atomic import check_output_folder, plain, write_text
-from tdcr_fe.io.problems import InputError
+from tdcr_fe.io.files import InputError, OtherHead, check_output_folder, plain, write_text
 from tdcr_fe.io.processes import sigterm_as_interrupt
 from tdcr_fe.io.result_files import versions
-from tdcr_fe.io.store import OtherHead
 from tdcr_fe.model.messages import count
 from tdcr_fe.validation.records import Record, Records
 

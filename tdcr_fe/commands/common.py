@@ -1,23 +1,34 @@
-"""What the commands share: exit statuses, messages on stderr, progress bars, and what ``--json`` prints."""
+"""What the commands share: exit statuses, messages on stderr, progress bars, what ``--json`` prints; and every command.
+
+What a command does, its arguments, two examples, and its function are in ``data/commands.toml``.
+"""
 
 from __future__ import annotations
 
+import _thread
 import argparse
 import shlex
 import sys
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import asdict, dataclass, field
 from enum import IntEnum
 from pathlib import Path
+from threading import Event, Thread
 from typing import TYPE_CHECKING, Any
 
 from tdcr_fe.model.messages import PlausibilityRemark, TDCRWarning, count
 
 if TYPE_CHECKING:
-    from tdcr_fe.io.problems import Problem
+    from tdcr_fe.io.files import Problem
     from tdcr_fe.model.loading import LoadStep, Model
     from tdcr_fe.model.robot import Robot
+import math
+import re
+import tomllib
+from collections.abc import Callable
+from importlib.resources import files
 
 
 class Exit(IntEnum):
@@ -68,6 +79,48 @@ def progress_bar(args: argparse.Namespace, total: int | None = None, **options: 
     from tqdm import tqdm
 
     return tqdm(total=total, leave=False, file=sys.stderr, disable=True if args.quiet else None, **options)
+
+
+#: Every so often it is looked whether anything was solved, and whether what is left will take so long [s].
+LOOK, LONG_RUN = 5.0, 60.0
+
+
+class Clock:
+    """Announces long work after some seconds, and interrupts it at its time limit as Ctrl-C does."""
+
+    def __init__(self, total: int, noun: str, minutes: float | None) -> None:
+        self.total, self.noun, self.minutes = total, noun, minutes
+        self.solved, self.reason = 0, "interrupted"  # how many, and why the work ended
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """Until the block ends."""
+        done = Event()
+        Thread(target=self._watch, args=(done,), daemon=True).start()
+        try:
+            yield
+        finally:
+            done.set()
+
+    def _watch(self, done: Event) -> None:
+        limit = math.inf if self.minutes is None else 60.0 * self.minutes
+        begun, wait, before, announced = time.perf_counter(), min(LOOK, limit), 0, False
+        while not done.wait(wait):
+            elapsed = time.perf_counter() - begun
+            if elapsed > limit:
+                self.reason = f"stopped at the time limit of {count(limit / 60.0, 'minute')}"
+                wait = LOOK  # and again, until the work has ended: a callback of Exudyn may lose it
+                _thread.interrupt_main()
+                continue
+            # The first ones may each take long, on every mesh that is tried.
+            some = self.solved > max(before, self.total // 20)
+            left = elapsed * (self.total / self.solved - 1.0) if some else math.inf
+            if left > LONG_RUN and not announced:
+                announced = True
+                about = f"about {left / 60.0:.0f} minutes more" if some else "this may take minutes"
+                solved = f"{self.solved} of {count(self.total, self.noun)} solved in {elapsed:.0f} s"
+                complain(f"{solved}: {about}; Ctrl-C or --minutes keeps what is solved")
+            before = self.solved
 
 
 @dataclass
@@ -121,3 +174,81 @@ def stdout_kept_free(args: argparse.Namespace) -> Iterator[None]:
     args.quiet = True
     with redirect_stdout(sys.stderr):
         yield
+
+
+# ----------------------------------------------------------------------------------------------------- every command
+
+
+def whole(least: int, most: float = math.inf) -> Callable[[str], int]:
+    """A whole number between bounds, as a type for `argparse`."""
+    upper = f"from {least} to {most}" if math.isfinite(most) else f"at least {least}"
+
+    def read(text: str) -> int:
+        if not (text.isascii() and text.isdecimal() and least <= int(text) <= most):
+            raise argparse.ArgumentTypeError(f"{text!r}; must be a whole number, {upper}")
+        return int(text)
+
+    return read
+
+
+def positive(text: str) -> float:
+    """A positive number, as a type for `argparse`."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = 0.0
+    if not 0.0 < number < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r}; must be a number above zero, without a unit")
+    return number
+
+
+_FILE = tomllib.loads((files("tdcr_fe") / "data" / "commands.toml").read_text(encoding="utf-8"))
+
+
+@dataclass(frozen=True)
+class Command:
+    """A subcommand; the file says what its fields are."""
+
+    handler: str
+    help: str
+    examples: list[str]
+    more: str = ""
+    arguments: str = ""
+    shared: list[str] = field(default_factory=list)
+    failure: str = ""
+    options: dict[str, dict[str, Any]] = field(default_factory=dict)
+
+    @property
+    def description(self) -> str:
+        """What it does, at the top of its own help."""
+        return f"{self.help[0].upper()}{self.help[1:]}. {self.more}"
+
+    def parsed_arguments(self) -> Iterator[tuple[list[str], dict[str, Any]]]:
+        """Flags or the name of every argument, and the options of `add_argument`."""
+        lines = re.sub(r"\n\s+", " ", self.arguments).splitlines()
+        for line in [*lines, *(_FILE["shared"][name] for name in self.shared)]:
+            names, _, text = line.partition("  ")
+            *flags, value = names.split()
+            options: dict[str, Any] = {"help": text.strip()}
+            if value.endswith("..."):
+                options["nargs"], value = "+", value.removesuffix("...")
+            if value.startswith("{"):
+                options["choices"] = tuple(value.strip("{}").split(","))
+                options["default"] = options["choices"][0]
+            elif value.isupper() or "." in value:
+                options["metavar"] = value
+            else:
+                flags.append(value)
+            name = flags[-1].lstrip("-")
+            options |= self.options.get(name, _FILE["options"].get(name, {}))
+            if "whole" in options:
+                options["type"] = whole(*options.pop("whole"))
+            elif options.pop("positive", False):
+                options["type"] = positive
+            elif flags[0].startswith("-") and not options.keys() & {"metavar", "choices"}:
+                options["action"] = "store_true"
+            yield flags, options
+
+
+#: Every command, by name.
+COMMANDS = {name: Command(**table) for name, table in _FILE["commands"].items()}

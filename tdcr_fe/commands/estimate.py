@@ -9,15 +9,14 @@ import numpy as np
 from tdcr_fe.commands.common import Exit, complain, complain_of_left_out, print_understood, progress_bar, say
 from tdcr_fe.estimate.report import write_estimates
 from tdcr_fe.estimate.run import read_estimation, run_estimation
-from tdcr_fe.io.atomic import check_output_folder
+from tdcr_fe.io.files import check_output_folder, read_all
 from tdcr_fe.model.messages import count
 from tdcr_fe.report.environment import quantity
 
 
 def run(args: argparse.Namespace) -> int:
     """Estimate the frames of a folder, and write them."""
-    estimation = read_estimation(args.folder)
-    out = check_output_folder(args.out)
+    estimation, out = read_all(lambda: read_estimation(args.folder), lambda: check_output_folder(args.out))
     data = estimation.data
     complain_of_left_out(args, data.left_out)
     print_understood(args, data.robot, data.model, data.steps)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import argparse
 import importlib
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from tdcr_fe.commands.common import Exit, complain, print_understood, progress_bar, say, typed
-from tdcr_fe.io.atomic import check_output_folder
-from tdcr_fe.io.loading_table import read_path
-from tdcr_fe.io.problems import InputError, Problem, read_all, refusal
+from tdcr_fe.commands.common import Clock, Exit, complain, print_understood, progress_bar, say, typed
+from tdcr_fe.io.files import InputError, Problem, check_output_folder, read_all, refusal
 from tdcr_fe.io.result_files import TARGETS, write_follow
+from tdcr_fe.io.tables import read_path
 from tdcr_fe.io.toml import digest, read_model_file, read_robot
 from tdcr_fe.model.messages import count
 from tdcr_fe.model.plausibility import Implausible
@@ -39,19 +39,21 @@ def follow(args: argparse.Namespace) -> int:
         "tolerance": args.tolerance,
     }
     print_understood(args, robot, model, ())
-    with progress_bar(args, len(targets) + 1, unit="target") as bar:
+    clock = Clock(len(targets), "target", args.minutes)
+    with progress_bar(args, len(targets) + 1, unit="target") as bar, clock.running():
 
         def progress(target: ReachedTarget) -> None:
             if target.result.step == 1:
                 bar.reset()  # refining the mesh begins again with the first target
             bar.set_postfix_str(target.target.label, refresh=False)
             bar.update(1)
+            clock.solved = target.result.step
 
         try:
             result = follow_path(robot, model, targets, limits, settings, progress, **choices)
         except Interrupted as stop:
             assert isinstance(stop.result, FollowResult)
-            result = stop.result
+            result = replace(stop.result, simulation=replace(stop.result.simulation, message=clock.reason))
         except Implausible as error:
             files = {"targets": args.path, "largest": "--largest", "model": args.model or "model"}
             raise InputError(
@@ -78,8 +80,7 @@ def _status(result: FollowResult, asked: int) -> int:
     if result.simulation.converged:
         return Exit.FAILED if result.not_converged else Exit.DONE
     done, message = len(result.targets), result.simulation.message
-    are = "is" if done == 1 else "are"
-    complain(f"{message}; {count(done, 'target')} of {asked} before that {are} written")
+    complain(f"{message}; {done} of {count(asked, 'target')} came before and can be read in {TARGETS}")
     return Exit.INTERRUPTED if message == "interrupted" else Exit.FAILED
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from time import monotonic
 from typing import Any, TypeVar
@@ -16,9 +17,8 @@ from tdcr_fe.identify.robots import identify_robots
 from tdcr_fe.identify.search_state import Progress
 from tdcr_fe.identify.sentences import summary
 from tdcr_fe.identify.settings import GRACE, IdentifySettings, clock
-from tdcr_fe.io.atomic import check_output_folder, write_json
+from tdcr_fe.io.files import check_output_folder, read_all, refusal, write_json
 from tdcr_fe.io.measured import MeasuredData, join_measured, read_measured
-from tdcr_fe.io.problems import refusal
 from tdcr_fe.io.user_effects import read_own_effects
 from tdcr_fe.model.messages import warnings_to
 
@@ -32,14 +32,16 @@ Found = TypeVar("Found")
 
 def run(args: argparse.Namespace) -> int:
     """Identify what the model of measured data is missing: of one robot, or of several of one design."""
-    sets = [read_measured(folder) for folder in args.folder]
-    out = check_output_folder(args.out)
+    readers = [partial(read_measured, folder) for folder in args.folder]
+    *sets, out, effects = read_all(
+        *readers, lambda: check_output_folder(args.out), lambda: read_own_effects(args.effects)
+    )
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     settings = IdentifySettings(
         processes=min(args.processes, cores),  # more would wait for each other
         time_limit=60.0 * args.minutes,
         hold_out_branches=tuple(args.hold_out),
-        own_effects=read_own_effects(args.effects),
+        own_effects=effects,
     )
     complain_of_left_out(args, [row for s in sets for row in s.left_out])
     try:

@@ -6,10 +6,10 @@ import argparse
 import webbrowser
 from pathlib import Path
 
-from tdcr_fe.commands.common import Exit, complain, say
-from tdcr_fe.io.problems import refusal
+from tdcr_fe.commands.common import Exit, complain
+from tdcr_fe.io.files import refusal
 from tdcr_fe.io.toml import read_model_file, read_robot
-from tdcr_fe.live.notebook import LiveRobot
+from tdcr_fe.live import LiveRobot
 from tdcr_fe.live.played import PlayedRobot
 from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.solve.load_steps.load_path import StepFailed
@@ -27,7 +27,8 @@ def live(args: argparse.Namespace) -> int:
     except StepFailed as failure:
         complain(f"the unloaded robot is not solved: {failure}")
         return Exit.FAILED
-    say(args, f"{robot.name} is live at {page.url}\nClosing the page or Ctrl-C ends it.")
+    if args.no_browser or not args.quiet:  # nobody could guess the address
+        print(f"{robot.name} is live at {page.url}\nClosing the page or Ctrl-C ends it.", flush=True)
     if not args.no_browser:
         webbrowser.open(page.url)
     try:

@@ -10,13 +10,12 @@ import numpy as np
 import pandas as pd
 
 from tdcr_fe.commands.common import Exit, say, typed
-from tdcr_fe.io.atomic import check_output_folder, write_folder, write_text
+from tdcr_fe.io.files import InputError, Problem, check_output_folder, write_folder, write_text
 from tdcr_fe.io.keys import json_schema
-from tdcr_fe.io.loading_table import loading_table
-from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.io.readings import Reading, observations_table
-from tdcr_fe.io.templates import template
+from tdcr_fe.io.tables import loading_table
 from tdcr_fe.io.toml import read_model_file, read_robot
+from tdcr_fe.io.write_toml import template
 from tdcr_fe.model.channels import channel
 from tdcr_fe.model.loading import LoadStep
 from tdcr_fe.model.observed_step import Observation, ObservedStep

@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-import _thread
 import argparse
 import importlib
 import math
-import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 from importlib.resources import as_file, files
 from pathlib import Path
-from shutil import copyfile
-from threading import Event, Thread
+from shutil import copyfile, copytree
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from tdcr_fe.commands.common import Exit, complain, print_understood, progress_bar, say, typed
-from tdcr_fe.io.atomic import check_output_folder, write_folder
-from tdcr_fe.io.problems import InputError, Problem, read_all, refusal
+from tdcr_fe.commands.common import Clock, Exit, complain, print_understood, progress_bar, say, typed
+from tdcr_fe.io.files import InputError, Problem, check_output_folder, read_all, refusal, write_folder
 from tdcr_fe.io.result_files import write_results
 from tdcr_fe.io.toml import Scenario, read_scenario
 from tdcr_fe.io.user_effects import read_own_effects
@@ -30,8 +25,6 @@ from tdcr_fe.model.plausibility import Implausible
 from tdcr_fe.model.results import Interrupted, SequenceResult, StepResult
 from tdcr_fe.solve.simulate import simulate
 
-#: Every so often it is looked whether a step was solved, and whether those left will take so long [s].
-LOOK, LONG_RUN = 5.0, 60.0
 #: Columns of a terminal; wider tables are printed in blocks.
 WIDTH = 110
 #: Longest label that is printed in full [characters].
@@ -40,11 +33,10 @@ LONGEST_LABEL = 24
 
 def run(args: argparse.Namespace) -> int:
     """Solve a scenario and write the results."""
-
-    def read() -> Scenario:
-        return read_scenario(args.scenario, read_own_effects(args.effects))
-
-    scenario, out = read_all(read, lambda: check_output_folder(args.out))
+    scenario, out = read_all(
+        lambda: read_scenario(args.scenario, read_own_effects(args.effects)),
+        lambda: check_output_folder(args.out),
+    )
     return _solve_and_write(scenario, out, args)
 
 
@@ -52,15 +44,10 @@ def demo(args: argparse.Namespace) -> int:
     """Solve the packaged scenario; leave its input beside the results."""
     out = check_output_folder(args.out)
     with as_file(files("tdcr_fe") / "data" / "demo") as folder:
-
-        def write(place: Path) -> None:
-            for name in ("robot.toml", "scenario.toml"):
-                copyfile(folder / name, place / name)
-
-        write_folder(out, write)
+        write_folder(out, lambda place: copytree(folder, place, copy_function=copyfile, dirs_exist_ok=True))
     scenario = out / "scenario.toml"
-    say(args, f"The input is {scenario} with {out / 'robot.toml'}; edit it and solve it again with")
-    say(args, f"    {typed('run', scenario, '-o', out)}\n")
+    what = f"The input is {scenario} with {out / 'robot.toml'}; edit it and solve it again with"
+    say(args, f"{what}\n    {typed('run', scenario, '-o', out)}\n")
     return _solve_and_write(read_scenario(scenario), out, args)
 
 
@@ -98,12 +85,10 @@ def _solve(scenario: Scenario, args: argparse.Namespace, bar: Any) -> SequenceRe
     InputError
         A contradiction that only the solver can detect.
     """
-    clock = _Clock(len(scenario.steps), args.minutes)
+    clock = Clock(len(scenario.steps), "load step", args.minutes)
 
     def progress(step: StepResult) -> None:
         clock.solved = step.step
-        if clock.is_over:
-            raise KeyboardInterrupt
         bar.set_postfix_str(step.label, refresh=False)
         bar.update(step.step - bar.n)  # refining the mesh begins again with the first step
 
@@ -114,8 +99,7 @@ def _solve(scenario: Scenario, args: argparse.Namespace, bar: Any) -> SequenceRe
             return simulate(*asked, progress, **derivatives)
     except Interrupted as stop:
         assert isinstance(stop.result, SequenceResult)
-        limit = f"stopped at the time limit of {args.minutes:g} minutes" if clock.is_over else ""
-        return replace(stop.result, message=limit or stop.result.message)
+        return replace(stop.result, message=clock.reason)
     except Implausible as error:
         in_scenario = ("steps", "model")
         raise InputError(
@@ -125,43 +109,6 @@ def _solve(scenario: Scenario, args: argparse.Namespace, bar: Any) -> SequenceRe
     except ValueError as error:
         text = str(error).removeprefix("sensitivities: ")
         raise refusal(scenario.path if text == str(error) else "--sensitivities", text) from error
-
-
-class _Clock:
-    """Announces a long run after some seconds, and interrupts it at its time limit as Ctrl-C does."""
-
-    def __init__(self, steps: int, minutes: float | None) -> None:
-        self.steps, self.limit = steps, math.inf if minutes is None else 60.0 * minutes
-        self.solved, self.is_over = 0, False
-
-    @contextmanager
-    def running(self) -> Iterator[None]:
-        """Until the block ends."""
-        done = Event()
-        Thread(target=self._watch, args=(done,), daemon=True).start()
-        try:
-            yield
-        finally:
-            done.set()
-
-    def _watch(self, done: Event) -> None:
-        begun, before, announced = time.perf_counter(), 0, False
-        while not done.wait(LOOK if self.is_over else min(LOOK, self.limit)):
-            elapsed = time.perf_counter() - begun
-            if elapsed > self.limit:
-                self.is_over = True
-                _thread.interrupt_main()  # again, until the run has ended: a callback of Exudyn may lose it
-                continue
-            # The first steps may each take long, on every mesh that is tried.
-            some = self.solved > max(before, self.steps // 20)
-            left = elapsed * (self.steps / self.solved - 1.0) if some else math.inf
-            if left > LONG_RUN and not announced:
-                announced = True
-                is_known = left < math.inf
-                about = f"about {left / 60.0:.0f} minutes more" if is_known else "this may take minutes"
-                solved = f"{self.solved} of {count(self.steps, 'load step')} solved in {elapsed:.0f} s"
-                complain(f"{solved}: {about}; Ctrl-C or --minutes keeps what is solved")
-            before = self.solved
 
 
 def figures(result: SequenceResult, asked: int) -> dict[str, Any]:

@@ -7,9 +7,8 @@ import importlib
 
 import pandas as pd
 
-from tdcr_fe.commands.common import Exit, complain, print_understood, progress_bar
-from tdcr_fe.io.atomic import check_output_folder
-from tdcr_fe.io.problems import read_all
+from tdcr_fe.commands.common import Exit, complain, print_understood, progress_bar, say
+from tdcr_fe.io.files import check_output_folder, read_all
 from tdcr_fe.model.messages import count
 from tdcr_fe.sweeps.cases import scenario_of
 from tdcr_fe.sweeps.description import Sweep
@@ -62,8 +61,7 @@ def _solve(described: Sweep, args: argparse.Namespace) -> SweepResult:
 
 def _report(result: SweepResult, args: argparse.Namespace) -> int:
     """Print what came out; the exit status."""
-    if not args.quiet:
-        print(f"{result!r}\nWritten to {args.out}")
+    say(args, f"{result!r}\nWritten to {args.out}")
     for status, messages in result.failures.items():
         for m in messages[:5]:
             complain(f"{count(m.count, 'case')} {status}, case {m.case} the first: {m.example}")

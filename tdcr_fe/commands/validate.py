@@ -8,7 +8,7 @@ import time
 from typing import Any
 
 from tdcr_fe.commands.common import Exit, complain, progress_bar, say
-from tdcr_fe.io.atomic import check_output_folder
+from tdcr_fe.io.files import check_output_folder
 from tdcr_fe.validation.crosscheck import report
 from tdcr_fe.validation.crosscheck.cases import all_cases
 from tdcr_fe.validation.crosscheck.run import run

@@ -7,11 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from tdcr_fe.commands.common import Exit, progress_bar, say
-from tdcr_fe.io.atomic import check_output_folder, write_text
-from tdcr_fe.io.problems import refusal
+from tdcr_fe.io.files import check_output_folder, read_all, refusal, write_text
 from tdcr_fe.io.result_files import VIEW_PAGE
-from tdcr_fe.io.result_folder import read_motion
-from tdcr_fe.io.vtk_files import write_vtk
+from tdcr_fe.io.result_folder import read_motion, write_vtk
 from tdcr_fe.model.messages import count
 from tdcr_fe.report import video
 from tdcr_fe.report.viewer import summary, view_page
@@ -19,18 +17,21 @@ from tdcr_fe.report.viewer import summary, view_page
 
 def view(args: argparse.Namespace) -> int:
     """Read the results and write the page, and what else was asked for."""
-    motion = read_motion(args.result)
-    out = _file("-o", args.out or str(Path(args.result) / VIEW_PAGE), _problem_of_page)
-    film = None if args.video is None else _file("--video", args.video, video.problem)
-    if args.vtk is not None:
-        check_output_folder(args.vtk)
+    page = args.out or str(Path(args.result) / VIEW_PAGE)
+    motion, out, film, _ = read_all(
+        lambda: read_motion(args.result),
+        lambda: _file("-o", page, _problem_of_page),
+        lambda: args.video and _file("--video", args.video, video.problem),
+        lambda: args.vtk and check_output_folder(args.vtk, "--vtk"),
+    )
     write_text(view_page(motion), out)
+    args.noted.files.append(out)
     say(args, f"{motion.name}: {summary(motion)}. Written: {_sized(out)}")
-    if args.vtk is not None:
+    if args.vtk:
         written = write_vtk(motion, args.vtk)
         files = count(len(written) - 1, "file")
         say(args, f"Written: {written[0].parent / 'robot.pvd'} and {files} next to it")
-    if film is not None:
+    if film:
         with progress_bar(args, 100) as bar:
             video.write_video(motion, film, lambda share: bar.update(int(100 * share) - bar.n))
         say(args, f"Written: {_sized(film)}")
@@ -53,7 +54,7 @@ def _file(option: str, text: str, problem: Callable[[Path], str]) -> Path:
     reason = "is a directory; must be a file" if path.is_dir() else problem(path)
     if reason:
         raise refusal(option, reason, value=text)
-    check_output_folder(path.parent)
+    check_output_folder(path.parent, option)
     return path
 
 

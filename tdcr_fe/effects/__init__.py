@@ -5,14 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from tdcr_fe.effects import actuation, by_tendon, disks, holes, material, observation, places, timing
-from tdcr_fe.effects.base import Effect, ExcitationRange, Experiment, Observation, Parameter
-from tdcr_fe.effects.places import EffectAtPlace, PlaceEffect
+from tdcr_fe.effects import actuation, by_tendon, material, observation, places
+from tdcr_fe.effects.base import Effect as Effect
+from tdcr_fe.effects.base import ExcitationRange as ExcitationRange
+from tdcr_fe.effects.base import Experiment as Experiment
+from tdcr_fe.effects.base import Observation as Observation
+from tdcr_fe.effects.base import Parameter as Parameter
+from tdcr_fe.effects.places import EffectAtPlace as EffectAtPlace
+from tdcr_fe.effects.places import PlaceEffect as PlaceEffect
 from tdcr_fe.model.loading import in_newtons_and_metres
 
 #: Every effect, in the order in which several are applied: the command first, the measurement last.
 EFFECTS: tuple[Effect, ...] = (
-    timing.TimeLag(),
+    actuation.TimeLag(),
     actuation.ActuatorGain(),
     actuation.ActuatorBacklash(),
     actuation.ActuatorLoss(),
@@ -26,13 +31,13 @@ EFFECTS: tuple[Effect, ...] = (
     material.NonlinearBackbone(),
     material.Precurvature(),
     material.BaseCompliance(),
-    disks.RigidDisks(),
+    material.RigidDisks(),
     material.Creep(),
-    holes.HoleFriction(),
-    holes.HoleAdhesion(),
-    disks.RoutingTwist(),
-    disks.MisplacedChannels(),
-    holes.HoleClearance(),
+    by_tendon.HoleFriction(),
+    by_tendon.HoleAdhesion(),
+    material.RoutingTwist(),
+    material.MisplacedChannels(),
+    by_tendon.HoleClearance(),
     by_tendon.TendonStretch(),
     by_tendon.Pretension(),
     places.SoftBay(),
@@ -85,18 +90,3 @@ def with_effects(
 def with_effect(experiment: Experiment, name: str, **values: float) -> Experiment:
     """Add one effect to an experiment: ``with_effect(experiment, "gravity", g_z=-9.81)``."""
     return with_effects(experiment, {name: values})
-
-
-__all__ = [
-    "EFFECTS",
-    "Effect",
-    "EffectAtPlace",
-    "ExcitationRange",
-    "Experiment",
-    "Observation",
-    "Parameter",
-    "PlaceEffect",
-    "effect",
-    "with_effect",
-    "with_effects",
-]

@@ -214,6 +214,8 @@ class Effect:
     needs_disks: bool = False
     #: Whether it acts through the friction of the tendons, and so cannot be in a model without.
     needs_friction: bool = False
+    #: See `choices`.
+    among: int = 1
     #: Effects that may have to be there before data can show this one.
     after: tuple[str, ...] = ()
     #: See `further_parameters`.
@@ -240,8 +242,8 @@ class Effect:
         return self.listed
 
     def choices(self, robot: Robot) -> int:
-        """From how many of the same kind this one is chosen: at other places, or of other tendons."""
-        return 1
+        """From how many of the same kind this one is chosen: at other places, or of other tendons or markers."""
+        return self.among
 
     def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
         """What a search tries along a whole robot: the effect itself, or with other numbers of parameters."""
@@ -337,10 +339,14 @@ class Form(Effect):
         Of the parameters.
     experiment
         Whose tendons or markers they belong to.
+    among
+        See `Effect.choices`.
     """
 
-    def __init__(self, of: Effect, kind: str, names: Sequence[str], experiment: Experiment) -> None:
-        self.of, self.name = of, f"{of.name} ({kind})"
+    def __init__(
+        self, of: Effect, kind: str, names: Sequence[str], experiment: Experiment, among: int = 1
+    ) -> None:
+        self.of, self.name, self.among = of, f"{of.name} ({kind})", among
         self.description, self.separating_experiment = of.description, of.separating_experiment
         for name in ("kind", "after", "exact_derivatives", "needs_friction"):
             setattr(self, name, getattr(of, name))

@@ -1,4 +1,4 @@
-"""Effects with one number of the tendons: the same for all, one for each segment or tendon; stretch, pretension."""
+"""Effects with one number of the tendons, for all, a segment or one: stretch, pretension; friction, holes."""
 
 from __future__ import annotations
 
@@ -7,20 +7,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, ClassVar
 
-from tdcr_fe.effects.base import (
-    Bounds,
-    Effect,
-    ExcitationRange,
-    Experiment,
-    Form,
-    Kind,
-    Parameter,
-    Points,
-    Values,
-)
+from tdcr_fe.effects import base
+from tdcr_fe.effects.base import Effect, ExcitationRange, Experiment, Form, Kind, Parameter, Points, Values
 from tdcr_fe.model.checks import ARC_TOLERANCE
-from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.tendon import Tendon
+from tdcr_fe.model.robot import Robot, Tendon
 
 
 def segments(robot: Robot) -> tuple[tuple[str, ...], ...]:
@@ -68,10 +58,13 @@ class TendonNumber(SharedNumber):
     """
 
     field: ClassVar[str]
+    #: Whether a search tries the same number for all tendons alone.
+    common: ClassVar[bool] = False
 
     def declared(self, experiment: Experiment, tendon: Tendon) -> float:
-        """What a tendon declares."""
-        return float(getattr(tendon, self.field))
+        """What a tendon declares; zero where it is friction, and the model has none."""
+        without = self.needs_friction and experiment.model.friction == "none"
+        return 0.0 if without else float(getattr(tendon, self.field))
 
     def with_number(self, tendon: Tendon, value: float) -> Tendon:
         """A tendon with another number."""
@@ -88,11 +81,11 @@ class TendonNumber(SharedNumber):
 
     def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
         """The same for all tendons, one for each segment, one for each, and that of a single one."""
-        if self.needs_disks and experiment.robot.without_disks:
-            return ()
+        forms = super().forms(experiment)
+        if self.common or not forms:
+            return forms
         names = experiment.robot.tendon_names
         groups = self._groups(experiment.robot)
-        forms: tuple[Effect, ...] = (self,)
         if 1 < len(groups) < len(names):
             forms = (*forms, NumberForm(self, "by segment", tuple(groups), experiment))
         if len(names) > 1:
@@ -122,8 +115,14 @@ class TendonNumber(SharedNumber):
             return declared[0]
         return one.value(sum(map(one.coordinate, declared)) / len(declared))
 
+    def changes(self, experiment: Experiment, values: Values) -> bool:
+        """Whether any value differs from what is declared."""
+        return any(x != self.null_value(experiment, name) for name, x in values.items())
+
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
-        """See `Effect.apply`."""
+        """See `Effect.apply`; friction is switched on where the model has none and the effect needs it."""
+        if self.needs_friction and not (experiment.robot.tendons and self.changes(experiment, values)):
+            return experiment
         # Of the parameters that are given, a tendon takes the most particular one, which is the last.
         given = [(key, names) for key, names in self._parts(experiment.robot).items() if key in values]
         key_of = {t: key for key, names in given for t in names}
@@ -139,7 +138,8 @@ class TendonNumber(SharedNumber):
                     value = self.combined(declared, null, value)
                 t = self.with_number(t, value)
             tendons.append(t)
-        return experiment.with_robot(tendons=tuple(tendons))
+        changed = experiment.with_robot(tendons=tuple(tendons))
+        return changed.with_friction() if self.needs_friction else changed
 
     @property
     def _name(self) -> str:
@@ -162,7 +162,7 @@ class TendonNumber(SharedNumber):
 class NumberForm(Form):
     """One number of an effect for each of several parts: segments or tendons of a robot, folders of data."""
 
-    def bounds(self, experiment: Experiment) -> Bounds:
+    def bounds(self, experiment: Experiment) -> base.Bounds:
         """Those of the number of all."""
         (limits,) = self.of.bounds(experiment).values()
         return {p.name: limits for p in self.parameters}
@@ -181,16 +181,12 @@ class NumberForm(Form):
 class OfTendon(NumberForm):
     """The number of a single tendon."""
 
-    def choices(self, robot: Robot) -> int:
-        """See `Effect.choices`."""
-        return len(robot.tendons)
-
 
 def of_single_tendons(effect: SharedNumber, experiment: Experiment) -> tuple[Effect, ...]:
     """The number of an effect for one tendon, of every tendon of a robot; none where there is only one."""
     name, tendons = effect.parameters[0].name, experiment.robot.tendon_names
     several = tendons if len(tendons) > 1 else ()
-    return tuple(OfTendon(effect, t, (f"{name}_{t}",), experiment) for t in several)
+    return tuple(OfTendon(effect, t, (f"{name}_{t}",), experiment, len(tendons)) for t in several)
 
 
 class TendonStretch(TendonNumber):
@@ -261,8 +257,7 @@ class Pretension(TendonNumber):
             No tendon is elastic.
         """
         tendons = experiment.robot.tendons
-        given = any(x != self.null_value(experiment, name) for name, x in values.items())
-        if given and tendons and not any(self.applies_to(t) for t in tendons):
+        if tendons and not any(map(self.applies_to, tendons)) and self.changes(experiment, values):
             text = "no tendon is elastic; give their axial_stiffness, or tendon_stretch"
             raise ValueError(f"effect pretension: {text}")
         return super().apply(experiment, values)
@@ -275,3 +270,83 @@ class Pretension(TendonNumber):
             return []
         null, largest = self.null_values(experiment)["tension"], max(excitation.tension, 0.01)
         return [[{"tension": null + share * largest}] for share in (0.05, 0.5)]
+
+
+# ------------------------------------------------------------------------------------------------------------- holes
+
+
+class HoleFriction(TendonNumber):
+    """Hole friction other than declared.
+
+    Tendon and holes rub more or less than declared: another tendon, a burr, wear, oil.
+
+    Distinguished by: measure the tension at the far end of a tendon while pulling and while letting out.
+    """
+
+    name = field = "friction_coefficient"
+    kind = Kind("transmission", ("turning angle",))
+    needs_disks = needs_friction = True
+    parameters = (Parameter("mu", "1", 0.0, 3.0, 0.0, 0.03, "coefficient of friction at the holes"),)
+
+    def applies_to(self, tendon: Tendon) -> bool:
+        """Laws of the coefficient are kept."""
+        return tendon.friction is None
+
+    def apply(self, experiment: Experiment, values: Values) -> Experiment:
+        """See `TendonNumber.apply`; without friction in the model, tendons with other numbers have none."""
+        if experiment.model.friction == "none" and self.changes(experiment, values):
+            tendons = experiment.robot.tendons
+            without = [self.with_number(t, 0.0) if self.applies_to(t) else t for t in tendons]
+            experiment = experiment.with_robot(tendons=tuple(without))
+        return super().apply(experiment, values)
+
+
+class HoleAdhesion(TendonNumber):
+    """A tension drop at every hole that does not grow with the tension.
+
+    Every hole takes a fixed piece of tension: a tight fit, dirt, a sheath that pinches, glue that ran.
+
+    Distinguished by: measure the tension at the far end of a tendon in the straight robot, at several tensions.
+    """
+
+    name, field, common = "hole_adhesion", "adhesion", True
+    kind = Kind("transmission", ("slip",))
+    needs_disks = needs_friction = True
+    parameters = (Parameter("drop", "N", 0.0, 10.0, 0.0, 5e-3, "tension that one hole takes"),)
+
+    def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
+        """All holes together take a twentieth, or a fifth, of the largest tension."""
+        robot = experiment.robot
+        holes = max((len(robot.hole_arc_lengths(t)) - 2 for t in robot.tendons), default=0)
+        if holes < 1:
+            return []
+        declared = self.null_values(experiment)["drop"]
+        return [[{"drop": declared + share * excitation.tension / holes}] for share in (0.05, 0.2)]
+
+
+class HoleClearance(TendonNumber):
+    """The tendon shifts inside an oversized hole.
+
+    Holes are wider than the tendon, so that where the robot bends the tendon shifts towards the inside of the
+    bend, farther from the backbone.
+
+    Distinguished by: repeat the measurement with a thicker tendon, or measure the holes.
+    """
+
+    name, field, common = "hole_clearance", "clearance", True
+    kind = Kind("routing", ("curvature",))
+    needs_disks = True
+    parameters = (Parameter("clearance", "m", 0.0, 5e-3, 0.0, 1e-4, "how far the tendon can shift sideways"),)
+
+    def bounds(self, experiment: Experiment) -> base.Bounds:
+        """At most half of the smallest offset, or the declared value."""
+        robot = experiment.robot
+        offsets = [math.hypot(x, y) for t in robot.tendons for x, y in robot.holes(t)]
+        upper = min(5e-3, 0.5 * min((x for x in offsets if x > 0.0), default=1e-2))
+        return {"clearance": (0.0, max(upper, self.null_values(experiment)["clearance"]))}
+
+    def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
+        """A fiftieth and a twelfth of the smallest offset."""
+        upper = self.bounds(experiment)["clearance"][1]
+        declared = self.null_values(experiment)["clearance"]
+        return [[{"clearance": declared + share * (upper - declared)}] for share in (0.04, 0.16)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import ClassVar
 
@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 
 from tdcr_fe.effects.base import Effect, Experiment, Form, Kind, Parameter, Values
 from tdcr_fe.effects.by_tendon import for_each
-from tdcr_fe.model.robot import Robot
 
 AXES = "xyz"
 
@@ -59,14 +58,6 @@ class FrameMisalignment(Effect):
 class OfMarker(Form):
     """The offset of a single marker."""
 
-    def __init__(self, of: Effect, kind: str, names: Sequence[str], experiment: Experiment) -> None:
-        super().__init__(of, kind, names, experiment)
-        self.markers = len(experiment.observation.markers)
-
-    def choices(self, robot: Robot) -> int:
-        """See `Effect.choices`."""
-        return self.markers
-
 
 class MarkerOffset(Effect):
     """Markers sit off the backbone.
@@ -96,11 +87,11 @@ class MarkerOffset(Effect):
         """Beside the backbone; along it, too; or an offset of each of several markers, or of one of them."""
         common = [p.name for p in (*self.parameters, self._along)]
         forms: tuple[Effect, ...] = (self, self.form("along the tangent, too", common, experiment))
-        if len(experiment.observation.markers) > 1:
+        if (count := len(experiment.observation.markers)) > 1:
             forms = (*forms, self.form("each", [p.name for p in self._single(experiment)], experiment))
-            for k in range(1, len(experiment.observation.markers) + 1):
+            for k in range(1, count + 1):
                 beside = [f"{p.name}_marker_{k}" for p in self.parameters]
-                forms = (*forms, OfMarker(self, f"marker {k}", beside, experiment))
+                forms = (*forms, OfMarker(self, f"marker {k}", beside, experiment, count))
         return forms
 
     def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:

@@ -17,8 +17,7 @@ import numpy as np
 from tdcr_fe.effects.base import Bounds, Effect, ExcitationRange, Experiment, Kind, Parameter, Points, Values
 from tdcr_fe.model.backbone import StiffnessPatch
 from tdcr_fe.model.checks import ARC_TOLERANCE
-from tdcr_fe.model.robot import Robot, SideSpring
-from tdcr_fe.model.tendon import TightHole
+from tdcr_fe.model.robot import Robot, SideSpring, TightHole
 
 #: Drop of tension at a hole that holds its tendon fast, over the largest commanded tension [1].
 HOLDS_FAST = 4.0

@@ -13,8 +13,8 @@ from tdcr_fe.elements import Array
 from tdcr_fe.io.keys import InputErrors
 from tdcr_fe.model.messages import shown
 from tdcr_fe.model.results import StepResult
+from tdcr_fe.model.robot import by_tendon
 from tdcr_fe.model.schema import Checked, FieldError, Quantity
-from tdcr_fe.model.tendon import by_tendon
 
 _PLACE = 'an arc length above zero [m], "tip" or "unknown"'
 

@@ -15,9 +15,9 @@ from scipy.linalg import block_diag
 from tdcr_fe.effects import EFFECTS, effect, with_effects
 from tdcr_fe.elements import Array
 from tdcr_fe.estimate.description import ParameterPrior
+from tdcr_fe.io.files import Reporter
 from tdcr_fe.io.keys import effect_keys
 from tdcr_fe.io.measured import MeasuredData
-from tdcr_fe.io.problems import Reporter
 from tdcr_fe.model.messages import issue
 from tdcr_fe.model.schema import Keys, Quantity
 

@@ -17,7 +17,7 @@ from tdcr_fe.elements import Array
 from tdcr_fe.estimate.description import Estimate
 from tdcr_fe.estimate.frame import name_at
 from tdcr_fe.estimate.run import EstimateResult
-from tdcr_fe.io.atomic import write_folder, write_text
+from tdcr_fe.io.files import write_folder, write_text
 from tdcr_fe.io.result_files import versions
 from tdcr_fe.model.columns import shape_frame
 from tdcr_fe.model.messages import count

@@ -15,8 +15,8 @@ from tdcr_fe.estimate.description import Estimate, InputPrior, LoadPrior, Parame
 from tdcr_fe.estimate.estimator import Estimator
 from tdcr_fe.estimate.identified import NONE_IDENTIFIED, Effects, Identified, read_sigma
 from tdcr_fe.estimate.smoothing import smoothed
+from tdcr_fe.io.files import InputError, Problem, Reporter, read_all
 from tdcr_fe.io.measured import MeasuredData, first_checks, large_sigma, read_measured
-from tdcr_fe.io.problems import InputError, Problem, Reporter, read_all
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.io.toml import read_toml
 from tdcr_fe.model.loading import Load, LoadStep, SolverSettings

@@ -20,7 +20,7 @@ from tdcr_fe.identify.problem import NOISE_REACHES, Fit, FitProblem, huber, join
 from tdcr_fe.identify.result import MOST_NOISE
 from tdcr_fe.identify.rows import FEWEST
 from tdcr_fe.io.measured import MeasuredData, impossible_place
-from tdcr_fe.io.spreadsheet import number
+from tdcr_fe.io.tables import number
 from tdcr_fe.model.channels import CHANNELS, arc_lengths
 from tdcr_fe.model.loading import Load
 from tdcr_fe.model.units import mistaken

@@ -30,9 +30,8 @@ from tdcr_fe.model.backbone import StiffnessPatch
 from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.friction import ForceDependentFriction, FrictionCoefficient, StribeckFriction
 from tdcr_fe.model.loading import Load
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Robot, Tendon, TightHole
 from tdcr_fe.model.routing import MisplacedRouting, PointsRouting
-from tdcr_fe.model.tendon import Tendon, TightHole
 
 if TYPE_CHECKING:
     from tdcr_fe.identify.problem import FitProblem

@@ -17,7 +17,7 @@ from tdcr_fe.identify import corrected, figures, sentences
 from tdcr_fe.identify.result import IdentificationResult, Misfit
 from tdcr_fe.identify.sentences import measure, of_markers, size
 from tdcr_fe.identify.settings import OutOfTime, Part
-from tdcr_fe.io.atomic import write_json, write_text
+from tdcr_fe.io.files import write_json, write_text
 from tdcr_fe.io.processes import interruption_deferred
 from tdcr_fe.io.result_files import versions
 from tdcr_fe.model.channels import channel

@@ -15,10 +15,10 @@ from tdcr_fe.effects.base import Kind
 from tdcr_fe.elements import Array, Flags
 from tdcr_fe.identify.rows import RowChoice
 from tdcr_fe.identify.run import Trajectories
-from tdcr_fe.io.atomic import plain
-from tdcr_fe.io.loading_table import loading_text
+from tdcr_fe.io.files import plain
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.result_files import versions
+from tdcr_fe.io.tables import loading_text
 from tdcr_fe.model.loading import LoadStep, SolverSettings
 from tdcr_fe.report.environment import SPACE, estimate
 

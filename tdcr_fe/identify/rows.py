@@ -10,8 +10,8 @@ from fnmatch import fnmatchcase
 import numpy as np
 
 from tdcr_fe.elements import Array, Index
+from tdcr_fe.io.files import InputError, Problem
 from tdcr_fe.io.measured import MeasuredData
-from tdcr_fe.io.problems import InputError, Problem
 from tdcr_fe.model.loading import Actuation, LoadStep, resolve
 
 #: Fewest steps, or readings, from which anything is concluded or shown, and steps with readings of which some are held

@@ -12,10 +12,9 @@ from tdcr_fe.effects import EFFECTS, Parameter
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
 from tdcr_fe.model.messages import quoted
-from tdcr_fe.model.robot import Disks, Robot
+from tdcr_fe.model.robot import Disks, Robot, Tendon
 from tdcr_fe.model.routing import ROUTINGS
 from tdcr_fe.model.schema import Checked, Keys, Quantity, all_keys_of, keys_of
-from tdcr_fe.model.tendon import Tendon
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 

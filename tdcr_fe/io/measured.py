@@ -9,16 +9,13 @@ from dataclasses import dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from tdcr_fe.effects import Experiment, Observation, with_effects
 from tdcr_fe.elements.drives import DRIVES
-from tdcr_fe.io.atomic import write_text
-from tdcr_fe.io.loading_table import Loading, loading_table, read_loading
-from tdcr_fe.io.problems import InputError, Problem, Reporter, StrPath, read_all, refusal
+from tdcr_fe.io.files import InputError, Problem, Reporter, StrPath, read_all, refusal, write_text
 from tdcr_fe.io.readings import BadRow, Reading, observations_table, read_observations, read_rows
-from tdcr_fe.io.spreadsheet import read_table
+from tdcr_fe.io.tables import Loading, loading_table, read_loading, read_table
 from tdcr_fe.io.toml import digest, read_model_tables, read_robot
 from tdcr_fe.io.user_effects import apply_effects
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml, value_to_toml
@@ -26,9 +23,8 @@ from tdcr_fe.model.checks import size_contradictions
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, in_newtons_and_metres
 from tdcr_fe.model.messages import PlausibilityRemark, PlausibilityWarning, TDCRWarning
 from tdcr_fe.model.plausibility import plausibility
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Robot, by_tendon
 from tdcr_fe.model.schema import FieldError
-from tdcr_fe.model.tendon import by_tendon
 
 #: Files of a folder of measured data; the second one may be missing.
 FILES = ("robot.toml", "model.toml", "loading.csv", "observations.csv")
@@ -340,13 +336,10 @@ def with_columns(text: str, data: MeasuredData) -> str:
 
 def impossible_place(data: MeasuredData) -> str:
     """A marker that most readings place farther from the base than the backbone is long up to it, as a sentence."""
-    squares: dict[float, dict[int, float]] = {}
-    for r in data.readings:
-        if r.channel.family == "position" and isinstance(r.location, float):
-            own = squares.setdefault(r.location, {})
-            own[r.step] = own.get(r.step, 0.0) + r.value**2
-    for s, by_step in sorted(squares.items()):
-        far = float(np.sqrt(np.median(list(by_step.values()))))
+    rows = [(r.location, r.step, r.value**2) for r in data.readings if r.channel.family == "position"]
+    squares = pd.DataFrame(rows, columns=["s", "step", "square"]).groupby(["s", "step"])["square"].sum()
+    usual = squares.groupby("s").median() ** 0.5
+    for s, far in zip(usual.index.to_numpy(dtype=float), usual.to_numpy(dtype=float), strict=True):
         if far > s + ELSEWHERE * data.robot.backbone.length:
             return (
                 f"the marker at s = {s:g} m is read {far:.4g} m from the base, farther than the backbone reaches up to "

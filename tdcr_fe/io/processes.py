@@ -1,4 +1,4 @@
-"""Worker processes that end with their parent, and SIGTERM as an orderly interruption.
+"""Many cases: worker processes that end with their parent, futures as they end, SIGTERM as an interruption.
 
 A worker blocks on a pipe whose writing end exists only in the parent. When the parent closes it or ends for any reason
 (also by ``kill -9``), the operating system closes the pipe and the worker exits at once. This needs no polling and
@@ -10,14 +10,14 @@ from __future__ import annotations
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from types import FrameType
-from typing import Any
+from typing import Any, TypeVar
 
 from tdcr_fe.model.messages import ignore_warnings
 
@@ -140,3 +140,38 @@ def _exit_with_parent(alive: Connection) -> None:
         alive.recv_bytes()
     except (EOFError, OSError):
         os._exit(STATUS_SIGTERM)
+
+
+# -------------------------------------------------------------------------------------------------------- many cases
+
+Task = TypeVar("Task")
+Key = TypeVar("Key")
+
+
+def as_completed(
+    executor: Executor, solve: Callable[[Task], Any], tasks: Iterable[tuple[Key, Task]], most: int
+) -> Generator[tuple[Key, Future[Any]], None, None]:
+    """Futures of tasks, given by key, as they end; ``most`` are handed over at a time, so that many cost no memory.
+
+    Raises
+    ------
+    concurrent.futures.BrokenExecutor
+        The executor takes no more tasks.
+    """
+    running: dict[Future[Any], Key] = {}
+    try:
+        for key, task in tasks:
+            running[executor.submit(solve, task)] = key
+            if len(running) >= most:
+                yield from _finished(running)
+        while running:
+            yield from _finished(running)
+    finally:
+        for future in running:
+            future.cancel()
+
+
+def _finished(running: dict[Future[Any], Key]) -> Iterator[tuple[Key, Future[Any]]]:
+    done, _ = wait(running, return_when=FIRST_COMPLETED)
+    for future in done:
+        yield running.pop(future), future

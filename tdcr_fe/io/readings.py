@@ -11,8 +11,8 @@ from typing import Any
 
 import pandas as pd
 
-from tdcr_fe.io.problems import InputError, Problem, refusal
-from tdcr_fe.io.spreadsheet import number, read_table
+from tdcr_fe.io.files import InputError, Problem, refusal
+from tdcr_fe.io.tables import number, read_table
 from tdcr_fe.model.channels import QUANTITIES, Channel, channel
 from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.messages import meant

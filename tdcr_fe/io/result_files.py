@@ -15,8 +15,7 @@ from typing import Any
 
 from tdcr_fe import __version__
 from tdcr_fe.compiled import is_compiled, numba_version
-from tdcr_fe.io.atomic import write_folder, write_json, write_text
-from tdcr_fe.io.problems import StrPath
+from tdcr_fe.io.files import StrPath, write_folder, write_json, write_text
 from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
 from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.model.plausibility import understood

@@ -17,18 +17,17 @@ from typing import Any
 import numpy as np
 
 from tdcr_fe.effects import Effect, Experiment
+from tdcr_fe.io.files import InputError, Problem, Reporter, StrPath, decoded, read_bytes, refusal
 from tdcr_fe.io.keys import BACKBONE, DISKS, MODEL_FILE, ROBOT, SCENARIO, tendon_keys
-from tdcr_fe.io.problems import InputError, Problem, Reporter, StrPath, read_bytes, refusal
 from tdcr_fe.io.user_effects import apply_effects
 from tdcr_fe.model import checks
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.checks import ARC_TOLERANCE, Contradiction
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
 from tdcr_fe.model.messages import shown
-from tdcr_fe.model.robot import Disks, Robot
+from tdcr_fe.model.robot import Disks, Robot, Tendon
 from tdcr_fe.model.routing import ROUTINGS
 from tdcr_fe.model.schema import FieldError, keys_of
-from tdcr_fe.model.tendon import Tendon
 
 
 @dataclass(frozen=True)
@@ -199,22 +198,19 @@ def read_toml(path: StrPath, named: Problem | None = None) -> tuple[dict[str, An
     """
     raw = read_bytes(Path(path), named)
     try:
-        data = tomllib.loads(raw.decode("utf-8-sig"))
-    except UnicodeDecodeError as error:
-        line, byte = raw.count(b"\n", 0, error.start) + 1, raw[error.start]
-        key, value, reason = f"line {line}", f"byte 0x{byte:02x}", "not UTF-8; save the file as UTF-8"
+        data = tomllib.loads(decoded(raw, path, "not UTF-8; save the file as UTF-8"))
     except tomllib.TOMLDecodeError as error:
         reason, _, where = str(error).partition(" (at ")
         hint = "; write a decimal point" if re.search(rb"=\s*[+-]?\d+,\d", raw) else ""
         twice = r"[\1] is there twice; lists of tables are written [[\1]]"
         reason = re.sub(r"Cannot declare \('(\w+)',\) twice", twice, reason)
         reason = reason.replace("Cannot overwrite a value", "the key is there already")
-        key, value, reason = where.rstrip(")"), "", f"not TOML: {reason}{hint}"
+        key, reason = where.rstrip(")"), f"not TOML: {reason}{hint}"
     except (ValueError, RecursionError) as error:
-        key, value, reason = "", "", f"not TOML that can be read: {str(error).partition(';')[0]}"
+        key, reason = "", f"not TOML that can be read: {str(error).partition(';')[0]}"
     else:
         return data, hashlib.sha256(raw).hexdigest()
-    raise refusal(path, reason, key, value)
+    raise refusal(path, reason, key)
 
 
 def digest(path: StrPath) -> str:

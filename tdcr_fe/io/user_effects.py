@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from tdcr_fe.effects import EFFECTS, Effect, Experiment, Parameter, with_effects
+from tdcr_fe.io.files import InputError, Problem, Reporter, StrPath, refusal
 from tdcr_fe.io.keys import effect_keys, parameter_keys
-from tdcr_fe.io.problems import InputError, Problem, Reporter, StrPath, refusal
 
 
 def apply_effects(

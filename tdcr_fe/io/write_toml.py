@@ -1,4 +1,7 @@
-"""Write `robot.toml`, `scenario.toml` and `model.toml`; nothing of the description is left out."""
+"""Write input files: a description, of which nothing is left out, and commented files with every key to start from.
+
+The latter are the templates of ``tdcr_fe/data/new``; descriptions and defaults come from the keys.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +9,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import is_dataclass
 from typing import Any
 
+from tdcr_fe.effects import EFFECTS
+from tdcr_fe.io.keys import BACKBONE, DISKS, ROBOT, tendon_keys
+from tdcr_fe.model.channels import CHANNELS
 from tdcr_fe.model.friction import FRICTION_COEFFICIENTS
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
-from tdcr_fe.model.messages import bare, quoted
-from tdcr_fe.model.robot import Disks, Robot
+from tdcr_fe.model.messages import bare, options, quoted
+from tdcr_fe.model.robot import Disks, Robot, SideSpring
 from tdcr_fe.model.routing import ROUTINGS
 from tdcr_fe.model.schema import REQUIRED, keys_of
 
@@ -131,3 +137,73 @@ def scenario_to_toml(
     """
     above, below = to_toml({"robot": robot}), to_toml({"steps": [*map(_table, steps)]})
     return f"{above}\n{model_to_toml(model, settings, effects)}\n{below}".rstrip("\n") + "\n"
+
+
+# ----------------------------------------------------------------------------------------------- files to start from
+
+#: Tables of the files.
+_TABLES = {
+    "robot": ROBOT,
+    "backbone": BACKBONE,
+    "disks": DISKS,
+    "tendons": tendon_keys("parallel"),
+    "springs": keys_of(SideSpring),
+    "model": keys_of(Model),
+    "solver": keys_of(SolverSettings),
+    "steps": keys_of(LoadStep),
+}
+#: Examples of keys that describe what few robots have.
+EXAMPLES = {
+    "superelastic": "{ threshold_strain = 0.01, plateau_ratio = 0.1 }",
+    "nonlinear": "{ quadratic = 0.0, cubic = -20.0 }",
+    "patches": "[{ start = 0.05, end = 0.1, bending = 1.2 }]",
+    "tight_holes": "[{ at = 0.1, drop = 0.05 }]",
+    "friction": '{ kind = "stribeck", static = 0.3, kinetic = 0.2, stribeck_rate = 1e-3 }',
+    "positions": "[0.05, 0.1, 0.15, 0.2]",
+}
+
+
+def _template_line(table: str, name: str, value: str | None = None) -> str:
+    """A key with its description; commented out where no value is given."""
+    keys = _TABLES[table]
+    node, default = keys.json_schema["properties"][name], keys.defaults.get(name)
+    note = node["description"]
+    if texts := options(node):
+        note += ("; one of " if "enum" in node else "; or ") + ", ".join(map(quoted, texts))
+    text = f"{name} = {value}"
+    if value is None:
+        example = EXAMPLES.get(name, "...") if default in (None, ()) else value_to_toml(default)
+        text = f"# {name} = {example}"
+    return f"{text:<33} # {note}"
+
+
+def _template_table(table: str, **given: str) -> str:
+    """The lines of a table: the keys that are given first, then the others, commented out."""
+    rest = {name: None for name in _TABLES[table] if name not in given}
+    return "\n".join(_template_line(table, name, value) for name, value in {**given, **rest}.items())
+
+
+def template(file: str, tendons: Sequence[str]) -> str:
+    """An input file with every key.
+
+    Parameters
+    ----------
+    file
+        Name: ``robot.toml``, ``scenario.toml``, ``model.toml``, ``sweep.toml``, or ``NOTES.md`` of an experiment.
+    tendons
+        Names of the tendons, which are at equal angles.
+    """
+    import jinja2
+
+    loader = jinja2.PackageLoader("tdcr_fe", "data/new")
+    files = jinja2.Environment(
+        loader=loader, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
+    )
+    return files.get_template(f"{file}.j2").render(
+        tendons=tendons,
+        line=_template_line,
+        table=_template_table,
+        routings={kind: list(keys_of(cls)) for kind, cls in ROUTINGS.items()},
+        effects=[e.name for e in EFFECTS],
+        channels=CHANNELS,
+    )

@@ -6,7 +6,6 @@ Section frames are aligned with the world in the straight state; the tangent is 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -56,13 +55,8 @@ class NonlinearMaterial(Checked):
     @property
     def largest_strain(self) -> float:
         """Smallest strain in tension or compression beyond which the stress falls [1]; infinite where there is none."""
-        b, c = self.quadratic, self.cubic
-        if c == 0.0:
-            return 0.5 / abs(b) if b != 0.0 else math.inf
-        inside = b * b - 3.0 * c
-        if inside < 0.0:
-            return math.inf
-        return min(abs((-b + sign * math.sqrt(inside)) / (3.0 * c)) for sign in (1.0, -1.0))
+        turns = np.roots([3.0 * self.cubic, 2.0 * self.quadratic, 1.0])  # where the slope is zero
+        return float(np.min(np.abs(turns[np.isreal(turns)]), initial=math.inf))
 
 
 @dataclass(frozen=True)
@@ -201,20 +195,17 @@ class Backbone(Checked):
 
     def stiffness_factors(self, s: Array) -> tuple[Array, Array]:
         """Factors of bending and torsional stiffness at arc lengths ``s`` [m], each of shape ``s.shape``."""
-        return (
-            self._patched(s, lambda patch: patch.bending * patch.modulus),
-            self._patched(s, lambda patch: patch.torsion * patch.modulus),
-        )
+        return self._patched(s, "bending", "modulus"), self._patched(s, "torsion", "modulus")
 
     def material_factors(self, s: Array) -> tuple[Array, Array]:
         """Factors of axial and shear stiffness, and of the mass, at arc lengths ``s`` [m], each like ``s``."""
-        return self._patched(s, lambda patch: patch.modulus), self._patched(s, lambda patch: patch.density)
+        return self._patched(s, "modulus"), self._patched(s, "density")
 
-    def _patched(self, s: Array, factor: Callable[[StiffnessPatch], float]) -> Array:
-        """Product of a factor of all patches at arc lengths, shape ``s.shape``."""
+    def _patched(self, s: Array, *factors: str) -> Array:
+        """Product of some factors of all patches at arc lengths, shape ``s.shape``."""
         found = np.ones_like(s)
         for patch in self.patches:
-            found[(s >= patch.start) & (s < patch.end)] *= factor(patch)
+            found[(s >= patch.start) & (s < patch.end)] *= math.prod(getattr(patch, name) for name in factors)
         return found
 
     def radius_at(self, s: Array) -> Array:

@@ -18,8 +18,7 @@ from tdcr_fe.model.routing import hole_count_text
 if TYPE_CHECKING:
     from tdcr_fe.model.backbone import Backbone
     from tdcr_fe.model.loading import LoadStep, Model
-    from tdcr_fe.model.robot import Disks, Robot, SideSpring
-    from tdcr_fe.model.tendon import Tendon
+    from tdcr_fe.model.robot import Disks, Robot, SideSpring, Tendon
 
 #: Arc lengths are the same within this distance [m].
 ARC_TOLERANCE = 1e-6

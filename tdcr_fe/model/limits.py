@@ -44,15 +44,7 @@ class Limit:
 def limits() -> dict[str, Limit]:
     """The table of physical limits, by name; the bounds of remarks have the name with ``REMARK`` behind it."""
     text = (files("tdcr_fe") / "data" / "limits.toml").read_text(encoding="utf-8")
-    found = {}
-    for name, row in tomllib.loads(text).items():
-        closer = row.pop("remark", None)
-        if closer != {}:
-            found[name] = Limit(**row)
-        if closer is not None:
-            shared = ("quantity", "by_stiffness") if closer else row
-            found[name + REMARK] = Limit(**{n: row[n] for n in shared if n in row} | closer, remark=True)
-    return found
+    return {name: Limit(**row, remark=name.endswith(REMARK)) for name, row in tomllib.loads(text).items()}
 
 
 class Value(NamedTuple):

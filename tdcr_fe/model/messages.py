@@ -70,9 +70,9 @@ def quoted(text: str) -> str:
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def count(number: int, noun: str, plural: str = "") -> str:
+def count(number: float, noun: str, plural: str = "") -> str:
     """A number with its noun, in the singular or the plural."""
-    return f"{number} {noun if number == 1 else plural or noun + 's'}"
+    return f"{number:.15g} {noun if number == 1 else plural or noun + 's'}"
 
 
 def steps_named(numbers: Sequence[int]) -> str:

@@ -9,8 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe.elements import Array, Index
-from tdcr_fe.model.interpolation import elements_at, within_elements
-from tdcr_fe.model.results import StepResult
+from tdcr_fe.model.results import StepResult, elements_at, within_elements
 
 #: An arc length that is this near to a node is at the node [m].
 AT_NODE = 2e-6

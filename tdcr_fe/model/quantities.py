@@ -19,9 +19,8 @@ from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.limits import REMARK, Value, kind_of_material, limits, nearest_material
 from tdcr_fe.model.loading import LoadStep, Model, Vector, in_newtons_and_metres
-from tdcr_fe.model.robot import Disks, Robot
+from tdcr_fe.model.robot import Disks, Robot, Tendon
 from tdcr_fe.model.routing import ConvergingRouting
-from tdcr_fe.model.tendon import Tendon
 
 #: Gravity on Earth [m/s^2].
 EARTH = 9.81

@@ -14,9 +14,8 @@ from tdcr_fe.elements import Array, Flags
 from tdcr_fe.model.columns import tendon_columns
 from tdcr_fe.model.loading import LoadStep, Vector
 from tdcr_fe.model.results import SequenceResult, StepResult
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Robot, by_tendon
 from tdcr_fe.model.schema import Checked, FieldError, Quantity
-from tdcr_fe.model.tendon import by_tendon
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -11,15 +11,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from tdcr_fe.elements import Array, Flags, Index
 from tdcr_fe.model.columns import quaternions
-from tdcr_fe.model.interpolation import interpolate_positions
 from tdcr_fe.model.loading import Load
-from tdcr_fe.model.results import SequenceResult
-from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.tendon import Tendon
+from tdcr_fe.model.results import SequenceResult, interpolate_positions
+from tdcr_fe.model.robot import Robot, Tendon
 
 #: Millimetres in a metre.
 MM = 1e3
@@ -89,8 +88,8 @@ class Motion:
     tendons : tuple of TendonPath
     tensions : tuple of ndarray, each of shape (n_steps, n_segments)
         [N].
-    hole_states : tuple of tuple of tuple of str
-        By tendon and step, of the hole at the far end of every segment.
+    hole_states : tuple of ndarray of str, each of shape (n_steps, n_segments)
+        Of the hole at the far end of every segment.
     base_tensions, displacements : ndarray, shape (n_steps, n_tendons)
         [N, m].
     driven_by_displacement : ndarray of bool, shape (n_steps, n_tendons)
@@ -119,7 +118,7 @@ class Motion:
     disks: Index
     tendons: tuple[TendonPath, ...]
     tensions: tuple[Array, ...]
-    hole_states: tuple[tuple[tuple[str, ...], ...], ...]
+    hole_states: tuple[NDArray[np.str_], ...]
     base_tensions: Array
     displacements: Array
     driven_by_displacement: Flags
@@ -191,8 +190,8 @@ class Motion:
         for name in ("steps", "labels", "loads", "ellipsoids"):
             values = getattr(self, name)
             found[name] = tuple(values[k] for k in kept) if values else ()
-        found["tensions"] = tuple(t[kept] for t in self.tensions)
-        found["hole_states"] = tuple(tuple(states[k] for k in kept) for states in self.hole_states)
+        for name in ("tensions", "hole_states"):
+            found[name] = tuple(of_tendon[kept] for of_tendon in getattr(self, name))
         if self.markers is not None:
             measured, declared = self.markers.measured[kept], self.markers.declared[kept]
             found["markers"] = replace(self.markers, measured=measured, declared=declared)
@@ -376,7 +375,7 @@ def motion_of(result: SequenceResult, markers: Markers | None = None) -> Motion:
         steps=tuple(s.step for s in steps),
         labels=tuple(s.label for s in steps),
         tensions=tuple(np.array([s.tensions[j] for s in steps]) for j in range(m)),
-        hole_states=tuple(tuple(tuple(s.hole_states[j]) for s in steps) for j in range(m)),
+        hole_states=tuple(np.array([s.hole_states[j] for s in steps]) for j in range(m)),
         base_tensions=np.array([s.base_tensions for s in steps]).reshape(len(steps), m),
         displacements=np.array([s.displacements for s in steps]).reshape(len(steps), m),
         driven_by_displacement=np.array(driven, dtype=bool).reshape(len(steps), m),

@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection  # type: ignore[import-untyped]
 
 from tdcr_fe.elements import Array
-from tdcr_fe.report.arrows import FORCE, LONGEST, MOMENT
 from tdcr_fe.report.motion import MM, Motion, between
+from tdcr_fe.report.plots import FORCE, LONGEST, MOMENT
 from tdcr_fe.report.style import COLOURS, HEAT, INK, PALE, SOFT, space, styled
 
 #: Kinds of files, by ending.

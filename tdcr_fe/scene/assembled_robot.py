@@ -17,7 +17,7 @@ from tdcr_fe.elements.friction import hole_states
 from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.elements.native.material_damping import MaterialDamping
-from tdcr_fe.model.interpolation import interpolate_positions
+from tdcr_fe.model.results import interpolate_positions
 from tdcr_fe.model.robot import Robot
 from tdcr_fe.scene.mesh import softened
 

@@ -18,8 +18,7 @@ from tdcr_fe.elements.native.material_damping import MaterialDamping
 from tdcr_fe.elements.poses import euler_parameters_of_rotation
 from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.loading import Vector
-from tdcr_fe.model.robot import Disks, Robot
-from tdcr_fe.model.tendon import Tendon
+from tdcr_fe.model.robot import Disks, Robot, Tendon
 from tdcr_fe.scene.base import BasePose
 
 #: Colours of backbone and disks (RGBA).

@@ -12,12 +12,12 @@ import exudyn
 import numpy as np
 
 from tdcr_fe.effects import Effect
-from tdcr_fe.io.problems import InputError, Problem, StrPath
+from tdcr_fe.io.files import InputError, Problem, StrPath
 from tdcr_fe.io.toml import Scenario, ScenarioTables, build_scenario, read_scenario_tables
 from tdcr_fe.io.user_effects import read_own_effects
-from tdcr_fe.model.columns import AFTER_TENDONS, OF_TENDONS, tendon_columns
+from tdcr_fe.model.columns import AFTER_TENDONS, tendon_columns
 from tdcr_fe.model.messages import meant, shown, warnings_to
-from tdcr_fe.model.results import SequenceResult, StepResult
+from tdcr_fe.model.results import SequenceResult
 from tdcr_fe.model.units import number_or_none
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.sweeps.description import Change, Mode, Output, Sweep
@@ -136,27 +136,21 @@ def columns_of_steps(tendons: Iterable[str]) -> list[str]:
     return [*tendon_columns(tendons), *AFTER_TENDONS, *ESTIMATES]
 
 
-def _numbers_of_step(step: StepResult) -> list[float]:
-    """All numbers of a load step, in the order of `columns_of_steps`; NaN where an estimate was not made."""
-    numbers: list[Any] = [x for values in OF_TENDONS.values() for x in values(step)]
-    numbers += [value(step) for value in AFTER_TENDONS.values()]
-    numbers += [getattr(step, name) for name in ESTIMATES]
-    return [math.nan if x is None else float(x) for x in numbers]
-
-
 def numbers_of(result: SequenceResult, output: Output, ends: Sequence[int]) -> dict[str, float]:
     """What is kept of a result, at the ``ends`` of load steps, see `Scenario`; those not solved are left out.
 
     Columns of the last step have the names of `steps.csv`; where steps were chosen, ``_step1`` and so on is added.
     """
-    solved = {s.step: s for s in result.steps if s.converged}
-    names = columns_of_steps(result.robot.tendon_names)
+    known = columns_of_steps(result.robot.tendon_names)
+    kept = [name for name in known if not output.quantities or name in output.quantities]
+    estimates = {name: [getattr(s, name) for s in result.steps] for name in ESTIMATES}
+    frame = result.to_frame().assign(**estimates).set_index("step")
+    solved = frame.loc[[s.converged for s in result.steps], kept].astype(float)
     return {
         f"{name}{suffix}": value
         for suffix, number in output.suffixes(len(ends)).items()
-        if (end := ends[number - 1]) in solved
-        for name, value in zip(names, _numbers_of_step(solved[end]), strict=True)
-        if not output.quantities or name in output.quantities
+        if (end := ends[number - 1]) in solved.index
+        for name, value in solved.loc[end].to_dict().items()
     }
 
 

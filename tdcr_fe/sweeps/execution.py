@@ -1,26 +1,148 @@
-"""Run a sweep: `sweep` hands cases to a `concurrent.futures.Executor` a few at a time, and keeps what comes back."""
+"""Run a sweep: `sweep` hands cases to a `concurrent.futures.Executor` a few at a time, and keeps what comes back.
+
+Its files: the journal that it continues from, the table of cases, `summary.json`, and the report.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import importlib
+import importlib.util
 import os
 import pickle
 import time
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
-from contextlib import ExitStack, closing
-from dataclasses import replace
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import asdict, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
-from tdcr_fe.io.atomic import check_output_folder
-from tdcr_fe.io.problems import StrPath
-from tdcr_fe.io.processes import worker_pool
-from tdcr_fe.io.store import as_completed
+from tdcr_fe.io import files
+from tdcr_fe.io.files import Lines, OtherHead, StrPath, refusal
+from tdcr_fe.io.processes import as_completed, worker_pool
+from tdcr_fe.io.result_files import versions
 from tdcr_fe.sweeps.cases import Evaluate, Job, Outcome, solve_case
 from tdcr_fe.sweeps.description import Change, Sweep
-from tdcr_fe.sweeps.files import head_of, journal, write_sweep
 from tdcr_fe.sweeps.read import read_sweep
-from tdcr_fe.sweeps.result import Collected, SweepResult
+from tdcr_fe.sweeps.result import Collected, Message, SweepResult
+
+JOURNAL = "cases.jsonl"
+LOCK = ".cases.lock"
+TABLE, SUMMARY, REPORT = "cases.csv", "summary.json", "report.html"
+#: Every picture that a sweep may have.
+PICTURE_FILES = ("workspace.png", "sobol_indices.png", "distributions.png", "main_effects.png")
+
+
+def head_of(sweep: Sweep, evaluate: Evaluate | None) -> dict[str, Any]:
+    """First line of the journal: all that the outcomes depend on."""
+    tables = files.to_json([sweep.tables.scenario, sweep.tables.robot])
+    variations = []
+    for v in sweep.variations:
+        kind, values = v.described()
+        variations.append({"name": v.column, "key": v.key, "mode": v.mode, kind: values})
+    return {
+        "input": {name: sha256 for name, sha256 in sweep.digests.items() if name in sweep.effects},
+        "tables": hashlib.sha256(tables.encode()).hexdigest(),
+        "variations": variations,
+        "sampling": asdict(sweep.sampling),
+        "output": asdict(sweep.output),
+        "evaluate": f"{evaluate.__module__}.{getattr(evaluate, '__qualname__', '')}" if evaluate else "",
+        "versions": versions(),
+    }
+
+
+@contextmanager
+def journal(folder: Path, head: Mapping[str, Any], fresh: bool) -> Iterator[Lines]:
+    """The journal of a folder, which no other sweep writes to meanwhile; a new one where asked for or none is there.
+
+    The operating system frees the lock when this process ends in whatever way.
+
+    Raises
+    ------
+    InputError
+        Another sweep writes to the folder, or the journal there is that of another sweep, or none.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / LOCK).open("w") as file:
+        try:
+            if importlib.util.find_spec("fcntl"):
+                fcntl = importlib.import_module("fcntl")
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            else:  # Windows
+                msvcrt = importlib.import_module("msvcrt")
+                msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+        except (BlockingIOError, PermissionError) as error:
+            text = "another sweep is writing there; wait until it has ended, or give another directory"
+            raise refusal("-o", text, value=str(folder)) from error
+        lines = Lines(folder / JOURNAL, head)
+        try:
+            lines.begin(fresh)
+        except OtherHead as error:
+            text = f"{error}; give another directory, or --fresh to replace what is there"
+            raise refusal("-o", text, value=str(lines.path)) from error
+        yield lines
+
+
+def _message(message: Message, count: str, text: str) -> dict[str, Any]:
+    return {count: message.count, "first_case": message.case, text: message.example}
+
+
+def summary_of(result: SweepResult, head: Mapping[str, Any]) -> dict[str, Any]:
+    """Contents of `summary.json`."""
+    names = ("first", "first_interval", "total", "total_interval")
+    indices = {
+        output: {name: {n: getattr(s, n)[k] for n in names} for k, name in enumerate(result.inputs)}
+        for output, s in result.sobol_indices().items()
+    }
+    return {
+        "versions": head["versions"],
+        "input": {name: {"sha256": sha256} for name, sha256 in result.sweep.digests.items()},
+        "sampling": head["sampling"],
+        "variations": head["variations"],
+        "cases": len(result.cases),
+        "status": result.counts,
+        "interrupted": result.interrupted,
+        "failures": {
+            status: [_message(m, "cases", "reason") for m in messages]
+            for status, messages in result.failures.items()
+        },
+        "warnings": [_message(m, "times", "text") for m in result.warnings],
+        "statistics": result.statistics().to_dict(),
+        **({"sobol_indices": indices} if indices else {}),
+        "wall_time": result.wall_time,
+        "solved_in_this_run": result.solved_now,
+    }
+
+
+def write_sweep(result: SweepResult, out: Path, head: Mapping[str, Any], report: bool = True) -> None:
+    """Write the table of cases, the summary, and the report with its pictures.
+
+    Parameters
+    ----------
+    result
+        What was solved.
+    out
+        Directory, which has the journal.
+    head
+        First line of the journal.
+    report
+        Whether to write pictures and report.
+    """
+
+    def write_tables(folder: Path) -> None:
+        result.cases.to_csv(folder / TABLE, index=False)
+        files.write_json(summary_of(result, head), folder / SUMMARY)
+
+    files.write_folder(out, write_tables, ours=(TABLE, SUMMARY, REPORT, *PICTURE_FILES))
+    if report:
+        from tdcr_fe.sweeps.report import write_report
+
+        files.write_folder(out, lambda folder: write_report(result, folder))
+
+
+# ----------------------------------------------------------------------------------------------------------- running
 
 #: Called with the number of cases that are finished, and the number of all.
 Progress = Callable[[int, int], None]
@@ -110,7 +232,7 @@ def sweep(
     with ExitStack() as stack:
         folder = lines = None
         if out is not None:
-            folder = check_output_folder(out)
+            folder = files.check_output_folder(out)
             lines = stack.enter_context(journal(folder, head, fresh))
             for outcome in map(Outcome.from_record, lines.records()):
                 if not retry or outcome.status == "converged":

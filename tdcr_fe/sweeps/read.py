@@ -13,16 +13,16 @@ import numpy as np
 
 from tdcr_fe.effects import Effect
 from tdcr_fe.elements.drives import TENSION
+from tdcr_fe.io.files import InputError, Problem, Reporter, StrPath, refusal
 from tdcr_fe.io.keys import json_schema
-from tdcr_fe.io.problems import InputError, Problem, Reporter, StrPath, refusal
 from tdcr_fe.io.toml import Scenario, ScenarioTables, build_scenario, digest, read_scenario_tables, read_toml
 from tdcr_fe.io.user_effects import read_own_effects
 from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
 from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.messages import join, meant, quoted, shown
 from tdcr_fe.model.plausibility import plausibility
+from tdcr_fe.model.robot import by_tendon
 from tdcr_fe.model.schema import FieldError, Keys, Quantity
-from tdcr_fe.model.tendon import by_tendon
 from tdcr_fe.model.units import PATTERN, number_or_none, with_units
 from tdcr_fe.sweeps.cases import ABOUT_CASE, columns_of_steps, tables_with
 from tdcr_fe.sweeps.description import (
@@ -34,11 +34,11 @@ from tdcr_fe.sweeps.description import (
     Range,
     Sampling,
     Sweep,
+    Uniform,
     Variation,
     Workspace,
 )
 from tdcr_fe.sweeps.keys import KeyProblem, parse_key, unit_of
-from tdcr_fe.sweeps.sampling import Uniform
 
 #: Most values of one variation that are checked (of more, as many at equal distances), and most cases that are tried
 #: with a value that is wrong alone.
@@ -121,6 +121,8 @@ def read_sweep(source: StrPath | Mapping[str, Any], effects: Sequence[StrPath] =
     wrong = bool(report.problems)
     if scenario and "output" in top:
         _check_output(top["output"], scenario, report)
+    if wrong and scenario and top.get("vary"):  # what is wrong with keys is told, too: of one case
+        _check_values(Sweep(tables, top["vary"], Sampling("sobol", 1)), user_effects, report)
     if wrong:
         report.refuse()
     sampling, output, workspace = top["sampling"], top["output"], top["workspace"]

@@ -116,13 +116,15 @@ def test_demo_is_the_papers_robot_pulled_loaded_and_released(tmp_path, calls, ca
 
 
 NO_OPTION = "; there is no option --precesses; did you mean --processes?\n"
+WRONG = {"": "COMMAND", "rum": "mean run?\n", "follow x y --tolerance 1mm": "'1mm'; must be a number"}
+WRONG |= {"sweep x.toml --precesses 2": NO_OPTION, "sweep --precesses=2 -o out": NO_OPTION}
 
 
-@pytest.mark.parametrize("arguments", ["", "rum", "sweep x.toml --precesses 2", "sweep --precesses=2 -o out"])
+@pytest.mark.parametrize("arguments", WRONG)
 def test_command_or_option_that_is_none_returns_2_and_the_nearest_is_named(capsys, arguments):
     with pytest.raises(SystemExit, match="2"):
         cli.main(arguments.split())
-    assert {"": "COMMAND", "rum": "mean run?\n"}.get(arguments, NO_OPTION) in capsys.readouterr().err
+    assert WRONG[arguments] in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", cli.COMMANDS)

@@ -9,6 +9,7 @@ from inputs import said
 from robots import LENGTH, three
 
 from tdcr_fe import LoadStep, Model, cli, model_to_toml, robot_to_toml, simulate
+from tdcr_fe.commands import common
 
 ROBOT, MODEL = three(0.2), Model(elements_per_bay=1)
 ONE = ["--largest", "1"]
@@ -117,3 +118,14 @@ def test_targets_in_another_unit_are_refused_with_it(tmp_path, robot, capsys, un
 def test_columns_and_options_are_checked(tmp_path, robot, capsys, text, options, expected):
     assert expected in said(capsys, 2, *command(robot, text, *options))
     assert not (tmp_path / "out").exists()
+
+
+def test_a_long_search_is_announced_and_keeps_what_it_found_at_its_time_limit(robot, capsys, monkeypatch):
+    """Targets out of reach were sought for more than ten minutes, without a word and without a limit."""
+    monkeypatch.setattr(common, "LOOK", 0.2)
+    monkeypatch.setattr(common, "LONG_RUN", 0.1)
+    path = "step,x,y,z\n" + "".join(f"{k},0.1,0.{k % 9},0.3\n" for k in range(1, 900))
+    err = said(capsys, 1, *command(robot, path, "--largest", "2", "--minutes", "0.02"))
+    found = len(pd.read_csv(robot.parent / "out" / "targets.csv"))
+    assert " of 899 targets solved in 0 s: " in err and "--minutes keeps what is solved" in err and found > 0
+    assert f"stopped at the time limit of 0.02 minutes; {found} of 899 targets" in err

@@ -9,7 +9,7 @@ import pytest
 import tdcr_fe as tdcr
 from tdcr_fe import Backbone, LoadStep, Model, SolverSettings, cli
 from tdcr_fe.io.keys import DISKS, ROBOT, tendon_keys
-from tdcr_fe.io.templates import EXAMPLES
+from tdcr_fe.io.write_toml import EXAMPLES
 from tdcr_fe.model.channels import CHANNELS
 from tdcr_fe.model.routing import ROUTINGS
 from tdcr_fe.model.schema import keys_of
@@ -79,11 +79,8 @@ def test_a_new_experiment_is_read_without_a_faulty_row(tmp_path):
     assert all(f"`{c.quantity}` [{c.unit}]" in (folder / "NOTES.md").read_text() for c in CHANNELS)
 
 
-def test_a_new_sweep_is_read(tmp_path):
+def test_a_new_sweep_is_read_and_nothing_overwritten(tmp_path, capsys):
     assert tdcr.read_sweep(begin(tmp_path, "sweep") / "sweep.toml").count == 100
-
-
-def test_nothing_is_overwritten(tmp_path, capsys):
     folder = begin(tmp_path, "robot")
     (folder / "robot.toml").write_text("mine")
     assert cli.main(["new", "sweep", "-o", str(folder)]) == 2

@@ -13,6 +13,7 @@ from inputs import REMOVED, ROBOT, SCENARIO, changed, said, write
 
 import tdcr_fe as tdcr
 from tdcr_fe import cli, read_scenario, robot_to_toml, scenario_to_toml, simulate
+from tdcr_fe.commands import common
 from tdcr_fe.commands import run as command
 from tdcr_fe.commands.run import step_table
 from tdcr_fe.validation.fuzz.drawing import draw
@@ -23,17 +24,13 @@ NO_MASS += "disks.mass or tip_mass"
 
 def test_odd_values_are_warned_of_once_and_in_the_summary(tmp_path, capsys):
     """In 0.1 gravity without mass ended with exit status 0 and no warning."""
-    path = write(tmp_path, changed(ROBOT, {"backbone.density": REMOVED, "disks.mass": REMOVED}))
+    massless = changed(ROBOT, {"backbone.density": REMOVED, "disks.mass": REMOVED})
+    path = write(tmp_path, massless, SCENARIO + "[solver]\ntolerance = 1e-10\nmax_iterations = 33\n")
     err = said(capsys, 0, "run", path, "-o", tmp_path / "out", "--no-pictures")
     assert err.startswith(f"tdcr-fe: warning: {NO_MASS}\n") and err.count("nothing has mass") == 1
-    assert json.loads((tmp_path / "out" / "summary.json").read_text())["warnings"][0] == NO_MASS
-
-
-def test_settings_of_the_file_are_those_of_the_run(tmp_path):
-    path = write(tmp_path, scenario=SCENARIO + "[solver]\ntolerance = 1e-10\nmax_iterations = 33\n")
-    assert cli.main(["run", str(path), "-o", str(tmp_path / "out"), "-q", "--no-pictures"]) == 0
-    settings = json.loads((tmp_path / "out" / "summary.json").read_text())["settings"]
-    assert (settings["tolerance"], settings["max_iterations"]) == (1e-10, 33)
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    settings = [summary["settings"][n] for n in ("tolerance", "max_iterations")]
+    assert summary["warnings"][0] == NO_MASS and settings == [1e-10, 33]
 
 
 def test_long_run_is_announced_by_what_it_has_solved(tmp_path, capsys, monkeypatch):
@@ -46,10 +43,10 @@ def test_long_run_is_announced_by_what_it_has_solved(tmp_path, capsys, monkeypat
         return simulate(robot, model, steps, settings, lambda s: (solved.append(s), progress(s)), **beside)
 
     clock = SimpleNamespace(perf_counter=lambda: next(times, 2.0 if solved else 0.05))
-    monkeypatch.setattr(command, "time", clock)
+    monkeypatch.setattr(common, "time", clock)
     monkeypatch.setattr(command, "simulate", counted)
-    monkeypatch.setattr(command, "LOOK", 60.0)  # so long may the results of what was solved take
-    monkeypatch.setattr(command, "LONG_RUN", 0.3)
+    monkeypatch.setattr(common, "LOOK", 60.0)  # so long may the results of what was solved take
+    monkeypatch.setattr(common, "LONG_RUN", 0.3)
     err = said(capsys, 1, "run", path, "-o", tmp_path / "out", "--no-pictures", "--minutes", "0.001")
     assert re.search(r"of 4002 load steps solved in \d s: .*--minutes keeps what is solved", err)
     assert "stopped at the time limit of 0.001 minutes in step" in err
@@ -112,11 +109,11 @@ def test_derivatives_and_responses_are_written(tmp_path, capsys, tendon_path, fr
 def test_an_interruption_that_is_lost_is_sent_again(monkeypatch):
     """As where a callback of Exudyn swallows it, in a load step that would take for ever."""
     sent = []
-    monkeypatch.setattr("tdcr_fe.commands.run.LOOK", 0.02)
-    monkeypatch.setattr("tdcr_fe.commands.run._thread.interrupt_main", lambda: sent.append(1))
-    with command._Clock(1, minutes=1e-4).running():
+    monkeypatch.setattr(common, "LOOK", 0.02)
+    monkeypatch.setattr("tdcr_fe.commands.common._thread.interrupt_main", lambda: sent.append(1))
+    with common.Clock(1, "load step", minutes=1e-4).running():
         time.sleep(0.5)
-    assert len(sent) > 2
+    assert len(sent) > 2 and common.count(1.0, "minute") == "1 minute"  # it was "1 minutes"
 
 
 # ------------------------------------------------------------ properties

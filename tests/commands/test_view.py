@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from unittest.mock import Mock
 
 import pytest
 from arcs import arc_result
@@ -17,18 +18,23 @@ def folder(tmp_path):
     return tmp_path / "out"
 
 
-def test_the_page_goes_beside_the_results_or_where_it_is_asked_for(folder, tmp_path, capsys):
+def test_the_page_goes_beside_the_results_or_where_it_is_asked_for(folder, tmp_path, capsys, monkeypatch):
     assert cli.main(["view", str(folder)]) == 0
     assert "single-segment: 10 load steps, 13 disks, 1 tendon. Written: " in capsys.readouterr().out
     assert cli.main(["view", str(folder), "-o", str(tmp_path / "new" / "robot.html"), "-q"]) == 0
     assert (folder / "view.html").read_bytes() == (tmp_path / "new" / "robot.html").read_bytes()
     assert capsys.readouterr().out == ""
+    monkeypatch.setattr(video, "write_video", Mock(side_effect=KeyboardInterrupt))
+    # As if there were no page.
+    assert "; no further results were" in said(capsys, 130, "view", folder, "--video", tmp_path / "robot.gif")
 
 
-def test_a_folder_without_results_is_refused(tmp_path, capsys):
+def test_a_folder_without_results_or_a_solved_step_is_refused(tmp_path, capsys):
     allowed = "must be a folder with results of tdcr-fe run, follow or identify (of one folder)"
     assert f"summary.json is missing; {allowed}" in said(capsys, 2, "view", tmp_path)
     assert list(tmp_path.iterdir()) == []
+    write_results(replace(arc_result(), steps=(), converged=False, failed_step=1), tmp_path)
+    assert "no step was solved, so there is nothing to draw" in said(capsys, 2, "view", tmp_path)
 
 
 @pytest.mark.parametrize("file", ["summary.json", "steps.csv", "shape.csv", "tensions.csv"])
@@ -53,16 +59,6 @@ def test_results_of_the_version_before_are_refused_with_what_to_do(folder, capsy
     assert words in said(capsys, 2, "view", folder)
 
 
-def test_a_page_of_another_kind_is_refused(folder, capsys):
-    assert "must be a file that ends in .html" in said(capsys, 2, "view", folder, "-o", folder / "x.pdf")
-    assert "is a directory; must be a file" in said(capsys, 2, "view", folder, "-o", folder)
-
-
-def test_a_run_without_a_solved_step_cannot_be_drawn(tmp_path, capsys):
-    write_results(replace(arc_result(), steps=(), converged=False, failed_step=1), tmp_path)
-    assert "no step was solved, so there is nothing to draw" in said(capsys, 2, "view", tmp_path)
-
-
 @pytest.mark.integration
 def test_video_and_vtk_are_written_beside_the_page(tmp_path, capsys):
     folder = tmp_path / "two steps"
@@ -79,5 +75,9 @@ def test_a_video_that_cannot_be_written_is_refused_before_anything_is(folder, tm
     monkeypatch.setattr(video.shutil, "which", lambda name: None)
     text = said(capsys, 2, "view", folder, "--video", tmp_path / "robot.mp4", "--vtk", tmp_path / "vtk")
     assert "robot.mp4: needs the program ffmpeg, which is not installed; install it, or write a .gif" in text
-    assert "must end in .gif or .mp4" in said(capsys, 2, "view", folder, "--video", tmp_path / "robot.avi")
+    wrong = "--video", tmp_path / "robot.avi", "--vtk", folder / "steps.csv", "-o"
+    text = said(capsys, 2, "view", folder, *wrong, "x.pdf")  # one after the other in 0.2
+    words = "3 mistakes", "must end in .gif or .mp4", "must be a file that ends in .html", "--vtk = "
+    assert all(x in text for x in words), text
+    assert "is a directory; must be a file" in said(capsys, 2, "view", folder, "-o", folder)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["out"] and not (folder / "view.html").exists()

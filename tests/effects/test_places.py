@@ -9,8 +9,7 @@ from scenes import recommended, scene, solve_scene
 
 from tdcr_fe.effects import EFFECTS, Experiment, PlaceEffect, with_effect
 from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Disks, Robot, SideSpring
-from tdcr_fe.model.tendon import TightHole
+from tdcr_fe.model.robot import Disks, Robot, SideSpring, TightHole
 
 S = three().disks.positions
 PULLED = LoadStep(tensions={"t1": 1.0, "t2": 0.2, "t3": 0.2})

@@ -9,7 +9,7 @@ from scenes import damped, recommended
 
 from tdcr_fe import ConstantFriction, ForceDependentFriction, LoadStep, StribeckFriction
 from tdcr_fe.elements.coefficients import normal_forces
-from tdcr_fe.model.tendon import TightHole
+from tdcr_fe.model.robot import TightHole
 
 STRIBECK = StribeckFriction(static=0.3, kinetic=0.15, stribeck_rate=5e-3, viscous=2.0)
 

@@ -208,9 +208,10 @@ def test_the_command_finds_an_effect_and_writes_result_and_report(tmp_path, caps
     assert "://" not in page
 
 
-def test_wrong_input_ends_with_status_two(tmp_path, capsys):
-    assert main(["identify", str(tmp_path / "nothing"), "-o", str(tmp_path / "out")]) == 2
-    assert "no such folder" in capsys.readouterr().err and not (tmp_path / "out").exists()
+@pytest.mark.parametrize("name", ["identify", "estimate"])
+def test_wrong_input_ends_with_status_two_and_all_of_it_is_told(tmp_path, capsys, name):
+    assert main([name, str(tmp_path / "nothing"), "-o", f"{__file__}/out"]) == 2
+    assert "no such folder" in (err := capsys.readouterr().err) and "is a file; must be" in err
 
 
 # ------------------------------------------------------------ profiles

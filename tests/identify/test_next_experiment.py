@@ -11,7 +11,7 @@ from searches import concluded, fitted, problem_of, searching, state_of
 from tdcr_fe import Experiment, Reading, effect, with_effects
 from tdcr_fe.identify.next_experiment import candidate_sequences, choose_next, leading_rivals
 from tdcr_fe.identify.run import Readings
-from tdcr_fe.io.loading_table import read_loading
+from tdcr_fe.io.tables import read_loading
 
 SEARCH = searching()
 #: A stiffer backbone, where the tip forces were applied but nothing was read: a gain below one looks the same.

@@ -10,7 +10,7 @@ from searches import identified, tips_of_run
 
 from tdcr_fe.cli import main
 from tdcr_fe.effects import EFFECTS
-from tdcr_fe.io.problems import InputError
+from tdcr_fe.io.files import InputError
 from tdcr_fe.io.user_effects import read_own_effects
 
 PAGE = (Path(__file__).parents[2] / "docs" / "identify.md").read_text(encoding="utf-8")

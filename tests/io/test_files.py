@@ -14,7 +14,7 @@ from inputs import REMOVED, ROBOT, SCENARIO, changed, write
 import tdcr_fe as tdcr
 from tdcr_fe import ConstantFriction, Disks, Load, LoadStep, Model, Robot, SolverSettings, Spool, Tendon
 from tdcr_fe.cli import main
-from tdcr_fe.io.problems import InputError, Problem
+from tdcr_fe.io.files import InputError, Problem
 from tdcr_fe.io.toml import read_model, read_model_file, read_robot, read_scenario
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml, scenario_to_toml
 from tdcr_fe.model.backbone import Backbone, StiffnessPatch, Superelastic
@@ -48,7 +48,7 @@ def test_robot_is_read_as_written(tmp_path):
     )
 
 
-def test_scenario_is_read_as_written(tmp_path):
+def test_scenario_is_read_as_written_and_needs_no_model_table(tmp_path):
     scenario = read_scenario(write(tmp_path))
     assert scenario.model == Model("straight", "per-hole", 2, (0.0, 0.0, -9.81))
     assert scenario.steps == (
@@ -56,9 +56,6 @@ def test_scenario_is_read_as_written(tmp_path):
         LoadStep(loads={"tip": Load(0.25), "middle": Load(0.1, (0.1, 0.0, 0.0), frame="section")}),
     )
     assert isinstance(scenario.steps[0].tensions["t3"], float)
-
-
-def test_model_table_may_be_missing_and_means_straight_per_hole_no_gravity(tmp_path):
     path = write(tmp_path, scenario=changed(SCENARIO, {"model": REMOVED}))
     assert read_scenario(path).model == Model("straight", "per-hole", "auto", (0.0, 0.0, 0.0))
 
@@ -73,9 +70,11 @@ def test_model_file_holds_the_model_table_alone(tmp_path):
     assert [p.key for p in caught.value.problems] == ["model.friction", "robot"]
 
 
-def test_hole_on_the_rim_is_not_outside(tmp_path):
+def test_hole_on_the_rim_is_not_outside_and_points_of_a_course_are_equally_spaced(tmp_path):
     changes = {"tendons.0.offset": 5e-3, "tendons.0.angle_deg": 33.0}
     assert read_scenario(write(tmp_path, changed(ROBOT, changes))).robot.tendons[0].routing.offset == 5e-3
+    write(tmp_path, changed(SOFT, {"tendons": [HOLES]}))
+    assert read_robot(tmp_path / "robot.toml").tendons[0].routing.fixed_arc_lengths == (0.0, 0.1, 0.2)
 
 
 # --------------------------------------------------------------------------------------------- what is wrong
@@ -358,11 +357,6 @@ density = 1100.0
 """
 HOLES = {"name": "a", "routing": "points", "end": 0.2, "holes": [[8e-3, 0.0], [7e-3, 1e-3], [5e-3, 2e-3]]}
 PULL = 'robot = "robot.toml"\n[[steps]]\ntensions = { a = 1.0 }\n'
-
-
-def test_points_of_a_course_are_equally_spaced_up_to_its_end(tmp_path):
-    write(tmp_path, changed(SOFT, {"tendons": [HOLES]}))
-    assert read_robot(tmp_path / "robot.toml").tendons[0].routing.fixed_arc_lengths == (0.0, 0.1, 0.2)
 
 
 def test_its_tendons_follow_the_backbone_by_default(tmp_path):

@@ -9,7 +9,7 @@ from inputs import REMOVED, ROBOT, SCENARIO, changed
 
 import tdcr_fe
 from tdcr_fe import Model, SolverSettings, json_schema, model_to_toml
-from tdcr_fe.io.templates import template
+from tdcr_fe.io.write_toml import template
 from tdcr_fe.sweeps.read import sweep_schema
 from tdcr_fe.validation.paper import cases
 

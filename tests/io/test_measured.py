@@ -258,12 +258,9 @@ def tensions(factor):
     return [replace(s, tensions={n: factor * t for n, t in s.tensions.items()}) for s in sequence()]
 
 
-def test_an_implausible_input_is_named_by_its_column():
+def test_an_implausible_input_is_named_by_its_column_and_gravity_in_millimetres_refused():
     (found,) = first_checks(data_of(tensions(102.0), BENT))[PlausibilityWarning]
     assert found.startswith("loading.csv, step 3: tension_t1 = 122.4 N")
-
-
-def test_gravity_in_millimetres_is_refused():
     with pytest.raises(InputError, match="was it meant in mm/s"):
         first_checks(data_of(tensions(1.0), BENT, model=Model(gravity=(0.0, 0.0, -9810.0))))
 

@@ -17,10 +17,10 @@ from scipy.spatial.transform import Rotation
 import tdcr_fe as tdcr
 from tdcr_fe import Load, LoadStep, write_results
 from tdcr_fe.io import result_files as output
-from tdcr_fe.io.vtk_files import PARTS, write_vtk
+from tdcr_fe.io.result_folder import PARTS, write_vtk
 from tdcr_fe.model.columns import quaternions
 from tdcr_fe.report.motion import motion_of
-from tdcr_fe.report.viewer_data import STATES
+from tdcr_fe.report.viewer import STATES
 
 
 def test_columns_are_those_of_the_format_also_without_a_solved_step(tmp_path):
@@ -46,9 +46,7 @@ def test_quaternion_is_a_unit_one_of_the_section_with_qw_not_negative(rotvec):
     assert q[0] >= 0.0
     assert np.linalg.norm(q) == pytest.approx(1.0, abs=1e-14)
     assert Rotation.from_quat(q[[1, 2, 3, 0]]).as_matrix() == pytest.approx(rotation[0], abs=1e-12)
-
-
-def test_quaternions_run_on_at_half_a_turn():
+    # They run on at half a turn.
     q = quaternions(Rotation.from_rotvec(np.outer([0.9 * np.pi, np.pi, np.pi], [1.0, 0.0, 0.0])).as_matrix())
     assert np.all(q[:, 1] > 0.9) and np.all(q[:, 0] >= 0.0)
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from interrupts import start_python
 
+from tdcr_fe.io.files import OtherHead
 from tdcr_fe.io.processes import interruption_deferred, worker_pool
-from tdcr_fe.io.store import OtherHead
 from tdcr_fe.validation.records import Records
 
 #: Time that workers may take to end after their parent [s].

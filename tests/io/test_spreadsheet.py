@@ -4,8 +4,8 @@ import csv
 
 import pytest
 
-from tdcr_fe.io.problems import InputError
-from tdcr_fe.io.spreadsheet import read_table
+from tdcr_fe.io.files import InputError
+from tdcr_fe.io.tables import read_table
 
 HEADER = ["step", "quantity", "location", "value", "sigma"]
 ROWS = [

@@ -185,9 +185,12 @@ def test_an_unloaded_robot_that_is_not_solved_ends_the_command(tmp_path, capsys)
 
 
 @pytest.mark.parametrize(("table", "expected"), [("", SETTINGS), ("[solver]\ntolerance = 1e-7\n", 1e-7)])
-def test_the_command_takes_numerics_of_a_picture_where_none_are_given(table, expected, tmp_path, monkeypatch):
+def test_the_command_takes_numerics_of_a_picture_where_none_are_given(
+    table, expected, tmp_path, monkeypatch, capsys
+):
     """It took those of `run`: while a robot was dragged by steps of 1 cm, half of its load steps ran out of time."""
     taken = []
     monkeypatch.setattr(LiveServer, "wait_until_closed", lambda self: taken.append(self.played.settings))
     assert live(tmp_path, three(), "[model]\nelements_per_bay = 1\n" + table) == 0
     assert taken == [SETTINGS] if expected is SETTINGS else taken[0].tolerance == expected
+    assert "?token=" in capsys.readouterr().out  # with -q it did not say where it is

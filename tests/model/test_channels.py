@@ -51,9 +51,7 @@ def test_angles_and_offset_of_an_arc():
     assert predicted("tip_offset", step) == pytest.approx((1.0 - math.cos(KAPPA * LENGTH)) / KAPPA)
     for quantity, value in {"tendon_displacement": 1e-3, "base_tension": 0.9, "distal_tension": 0.7}.items():
         assert predicted(quantity, step, "t1") == value
-
-
-def test_curvature_belongs_to_the_section_and_not_to_the_measuring_frame():
+    # Curvature belongs to the section and not to the measuring frame.
     step = arc(observation=Observation((0.3, -0.2, 0.1), (1e-3, 2e-3)))
     assert predicted("curvature_y", step, 0.1) == pytest.approx(KAPPA, rel=1e-12)
     assert predicted("position_x", step, 0.1) != pytest.approx(predicted("position_x", arc(), 0.1), abs=1e-4)

@@ -141,9 +141,11 @@ def test_a_value_that_no_robot_has_gives_one_warning_that_names_it_and_its_unit(
     assert found.startswith(begin) and end in found, found
 
 
-def test_every_limit_has_a_source():
+def test_every_limit_has_a_source_and_a_thin_robot_may_hang_down():
     assert all(row.quantity and row.source and row.says for row in limits().values())
     assert [kind_of_material(x) for x in (200e9, 60e9, 2e9)] == ["steel", "metal", "plastic"]
+    assert plausibility(WIRE.with_disks(mass=0.1), Model(gravity=(0.0, 0.0, 9.81)), PULL).warnings == []
+    assert len(plausibility(WIRE.with_disks(mass=0.1), GRAVITY, PULL).warnings) == 1
 
 
 @pytest.mark.parametrize(
@@ -213,11 +215,6 @@ def test_a_side_spring_in_n_per_mm_is_remarked_on(at):
 
 
 # ------------------------------------------------------------------------------------------------- no false alarms
-
-
-def test_a_thin_robot_may_hang_down():
-    assert plausibility(WIRE.with_disks(mass=0.1), Model(gravity=(0.0, 0.0, 9.81)), PULL).warnings == []
-    assert len(plausibility(WIRE.with_disks(mass=0.1), GRAVITY, PULL).warnings) == 1
 
 
 def test_robots_of_the_demo_the_paper_and_the_validation_give_no_warning():

@@ -144,9 +144,7 @@ def test_names_that_contain_commas_are_joined_with_semicolons():
     for name, comma in (("spring (tendon = t1, s = 0.1)", "; "), ("friction", ", ")):
         (first, *_) = sentences(result(GRAVITY, added(name), added("actuator_gain")))
         assert first.endswith(f" is missing gravity{comma}{name} and actuator gain.")
-
-
-def test_a_loop_is_a_run_in_which_one_tendon_moves():
+    # A loop is a run in which one tendon moves.
     assert figures.loop(result()) == (0, range(5))
 
 

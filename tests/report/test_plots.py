@@ -15,11 +15,11 @@ from tdcr_fe.model.loading import Actuation, Load, LoadStep, Model
 from tdcr_fe.model.results import SequenceResult
 from tdcr_fe.model.robot import Disks, Robot
 from tdcr_fe.report import plots, video
-from tdcr_fe.report.arrows import LoadArrows
 from tdcr_fe.report.motion import between, geometry, motion_of
+from tdcr_fe.report.plots import LoadArrows
 from tdcr_fe.report.scene_picture import scene_picture
 from tdcr_fe.report.video import times, write_video
-from tdcr_fe.report.viewer_data import STATES, hole_codes
+from tdcr_fe.report.viewer import STATES, hole_codes
 
 
 def axes_by_title(figure):

@@ -18,8 +18,7 @@ from inputs import write
 from tdcr_fe import Load, LoadStep, Model, SequenceResult, cli, write_results
 from tdcr_fe.io.result_folder import read_motion
 from tdcr_fe.report.motion import CURVE_POINTS, Markers, motion_of
-from tdcr_fe.report.viewer import view_page
-from tdcr_fe.report.viewer_data import LEVELS, STATES, quantised, thinned
+from tdcr_fe.report.viewer import LEVELS, STATES, quantised, thinned, view_page
 
 
 def page_data(html: str) -> dict:
@@ -116,10 +115,13 @@ def test_long_results_are_thinned_first_and_last_step_and_every_disk_kept():
     assert page_data(view_page(full))["stepsInAll"] == 300
 
 
-def test_the_page_needs_no_other_file():
+def test_the_page_needs_no_other_file_and_says_no_number_twice():
     html = view_page(motion_of(loaded_result()))
     assert not re.search(r"https?:|//[a-z]+\.[a-z]|<link|@import|import\(|fetch\(|XMLHttp|src=|url\(", html)
     assert html.count("<script>") == 2
+    # 0.2 said "step 25 of 25: 25" on the pages of `estimate` and "step 6 of 6: step 6" on those of `follow`.
+    steps = [LoadStep(label, {"t1": 0.1}) for label in ("1", "step 2", "step 2")]
+    assert page_data(view_page(motion_of(arc_result(paper_robot(4), steps))))["labels"] == ["", "", "step 2"]
 
 
 def test_names_from_files_cannot_break_the_page():
@@ -129,12 +131,6 @@ def test_names_from_files_cannot_break_the_page():
     html = view_page(motion_of(replace(result, steps=steps, robot=replace(result.robot, name=odd))))
     assert html.count("</script>") == 3 and "<b>&" not in html
     assert page_data(html)["labels"][0] == odd
-
-
-def test_a_label_that_is_only_the_number_is_not_said_twice():
-    """0.2 said "step 25 of 25: 25" on the pages of `estimate` and "step 6 of 6: step 6" on those of `follow`."""
-    steps = [LoadStep(label, {"t1": 0.1}) for label in ("1", "step 2", "step 2")]
-    assert page_data(view_page(motion_of(arc_result(paper_robot(4), steps))))["labels"] == ["", "", "step 2"]
 
 
 # ------------------------------------------------------------------------------------------------- in Chromium

@@ -10,9 +10,8 @@ from robots import BACKBONE, LENGTH, tendon
 from tdcr_fe import Experiment, SequenceResult, StribeckFriction, simulate, with_effects
 from tdcr_fe.model.backbone import StiffnessPatch, Superelastic
 from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
-from tdcr_fe.model.robot import Disks, Robot, SideSpring
+from tdcr_fe.model.robot import Disks, Robot, SideSpring, Spool, TightHole
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting
-from tdcr_fe.model.tendon import Spool, TightHole
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter, effect_parameter, parameters
 from tdcr_fe.validation.random_robots import draw
 
@@ -286,3 +285,11 @@ def test_curvature_rates_are_not_differentiated_where_they_are_not_needed() -> N
     without = simulate(*given, sensitivities=[name], curvatures=False).sensitivities[name]
     assert with_them.curvature_rates.any() and not without.curvature_rates.any()
     assert np.array_equal(with_them.positions, without.positions)
+
+
+def test_the_coefficient_of_all_tendons_is_that_of_those_without_a_law() -> None:
+    """It was refused where one tendon has a law."""
+    mixed = Experiment(replace(robot(), tendons=(SLIPPING.tendons[0], *robot().tendons[1:])), Model())
+    (mu,) = parameters(mixed, ["tendons.friction_coefficient"])
+    found = [t.friction_coefficient for t in mu.apply(mixed, 0.35).robot.tendons]
+    assert found == pytest.approx([0.0, 0.35, 0.35])

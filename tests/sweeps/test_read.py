@@ -41,7 +41,7 @@ def vary(key, rest, before=""):
         ('scenario = "other.toml"', 'sweep.toml: scenario = "other.toml": there is no file'),
         ('scenario = ".."', 'sweep.toml: scenario = "..": '),
         (HEAD, "sweep.toml: vary: nothing is varied"),
-        (vary("backbone.raduis", ONE), 'vary[0].key = "backbone.raduis": unknown key; did you mean radius'),
+        (vary("backbone.raduis", ONE, "[sampling]\nmethod = 'gird'\n"), 'raduis": unknown key; did you mean radius'),
         (vary("effects.gravity.g_q", ONE), 'key = "effects.gravity.g_q": unknown key; did you mean g_z'),
         (vary("backbone.radius", "values = [1e-3, -1e-3]"), "values = -0.001: backbone.radius: must be a positive"),
         (vary("model.friction", 'values = ["none", "coulomb"]'), 'values = "coulomb": model.friction: must be "none"'),

@@ -9,12 +9,11 @@ import pytest
 from scipy import stats
 
 from tdcr_fe.report.style import panels
+from tdcr_fe.sweeps import description
 from tdcr_fe.sweeps.cases import ABOUT_CASE
-from tdcr_fe.sweeps.description import Output, Range, Sampling, Sweep, Variation
-from tdcr_fe.sweeps.figures import sobol
-from tdcr_fe.sweeps.result import SweepResult
-from tdcr_fe.sweeps.sampling import LogNormal, Normal, Uniform, unit_points
-from tdcr_fe.sweeps.statistics import sobol_indices
+from tdcr_fe.sweeps.description import LogNormal, Normal, Output, Range, Sampling, Sweep, Uniform, Variation
+from tdcr_fe.sweeps.report import sobol
+from tdcr_fe.sweeps.result import SweepResult, sobol_indices
 
 A, B = 7.0, 0.1
 #: Indices of Ishigami's function (Ishigami and Homma 1990; Saltelli et al., Sensitivity Analysis, 2000, section 2.9.3).
@@ -26,7 +25,7 @@ TOTAL = np.array([_V1 + _V13, _V2, _V13]) / (_V1 + _V2 + _V13)
 
 
 def ishigami_sample(n):
-    x, y, z = np.pi * (2.0 * unit_points("saltelli", n, 3, 1).T - 1.0)
+    x, y, z = np.pi * (2.0 * description.unit_points("saltelli", n, 3, 1).T - 1.0)
     return np.sin(x) + A * np.sin(y) ** 2 + B * z**4 * np.sin(x)
 
 
@@ -40,7 +39,7 @@ def test_sobol_indices_of_ishigamis_function():
         assert (np.ptp(interval, axis=1) < 0.12).all()
 
 
-def test_base_samples_with_a_case_missing_are_left_out():
+def test_base_samples_with_a_case_missing_are_left_out_and_a_constant_has_no_indices():
     values = ishigami_sample(512)
     without = values.copy()
     without[7 * 5 + 2] = np.nan
@@ -48,9 +47,6 @@ def test_base_samples_with_a_case_missing_are_left_out():
     found = sobol_indices(without, 3)
     assert found.samples == 511
     assert np.array_equal(found.first, expected.first) and np.array_equal(found.total, expected.total)
-
-
-def test_a_constant_has_no_indices():
     assert sobol_indices(np.full(50, 3.0), 3) is None
     assert sobol_indices(np.full(50, np.nan), 3) is None
 
@@ -85,9 +81,7 @@ def test_the_last_variation_of_a_grid_changes_fastest_and_lists_are_taken_togeth
     cases = list(zip(*design("grid", numbers[:2], letters), strict=True))
     assert cases == [(x, y) for x in numbers[:2] for y in letters]
     assert design("list", numbers, letters) == [numbers, letters]
-
-
-def test_a_range_has_equal_distances_or_ratios():
+    # A range has equal distances or ratios.
     assert Range(0.0, 3.0, 4).values() == (0, 1, 2, 3)
     assert all(isinstance(x, int) for x in Range(2.0, 8.0, 4).values())
     assert Range(1e-3, 1.0, 4, "logarithmic").values() == pytest.approx((1e-3, 1e-2, 1e-1, 1.0))
@@ -95,7 +89,7 @@ def test_a_range_has_equal_distances_or_ratios():
 
 @pytest.mark.parametrize("method", ["latin-hypercube", "sobol", "saltelli"])
 def test_the_seed_decides_the_sample(method):
-    a, b, c = (unit_points(method, 16, 2, seed) for seed in (1, 1, 2))
+    a, b, c = (description.unit_points(method, 16, 2, seed) for seed in (1, 1, 2))
     assert np.array_equal(a, b) and not np.array_equal(a, c)
 
 
@@ -114,13 +108,10 @@ def test_quantiles_are_those_of_scipy(mine, theirs):
     assert np.allclose(mine.quantile(p), theirs.ppf(p), rtol=1e-12, atol=1e-12)
 
 
-def test_quantiles_at_zero_and_one_are_finite_and_within_the_bounds():
+def test_quantiles_at_zero_and_one_are_within_the_bounds_and_options_equally_likely():
     edges = np.array([0.0, 1.0])
     assert np.isfinite(Normal(0.0, 1.0).quantile(edges)).all()
     assert Normal(0.0, 1.0, lower=-1.0, upper=2.0).quantile(edges) == pytest.approx([-1.0, 2.0])
     assert LogNormal(1.0, 0.5, lower=0.9).quantile(edges)[0] >= 0.9
-
-
-def test_options_of_a_sample_are_equally_likely():
     (values,) = design("sobol", "abcd", samples=1024, seed=3)
     assert Counter(values) == dict.fromkeys("abcd", 256)

@@ -10,8 +10,7 @@ from exudyn.processing import ParameterVariation
 from sweep_files import HASTY, SCENARIO, SWEEP, InProcess, varying, write_files
 
 import tdcr_fe as tdcr
-from tdcr_fe.sweeps.execution import SweepInterrupted
-from tdcr_fe.sweeps.files import journal
+from tdcr_fe.sweeps.execution import SweepInterrupted, journal
 from tdcr_fe.sweeps.keys import KeyProblem
 
 

@@ -11,8 +11,8 @@ from identify_data import GRAVITY, measured
 
 from tdcr_fe import Experiment, read_scenario
 from tdcr_fe.cli import main as command
+from tdcr_fe.io.files import LONGEST, Problem
 from tdcr_fe.io.measured import write_measured
-from tdcr_fe.io.problems import LONGEST, Problem
 from tdcr_fe.validation.campaigns.broken_files import Ran, draw, judge, run_case
 from tdcr_fe.validation.campaigns.faulty_data import judge as judge_data
 from tdcr_fe.validation.campaigns.given_effects import chosen_form

@@ -9,8 +9,8 @@ from robots import LENGTH as L
 
 from tdcr_fe import Backbone, Disks, Load, LoadStep, Model, Robot, Superelastic, Tendon
 from tdcr_fe.model.friction import ConstantFriction, ForceDependentFriction
+from tdcr_fe.model.robot import TightHole
 from tdcr_fe.model.routing import HelicalRouting, ParallelRouting
-from tdcr_fe.model.tendon import TightHole
 from tdcr_fe.validation.random_robots import draw
 from tdcr_fe.validation.reference import ReferenceSettings, sequence, solve_reference
 from tdcr_fe.validation.reference import path as path_module

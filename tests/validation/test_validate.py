@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tdcr_fe.cli import main
-from tdcr_fe.io.atomic import plain
+from tdcr_fe.io.files import plain
 from tdcr_fe.validation.crosscheck import cases, compare, report, studies
 from tdcr_fe.validation.crosscheck import run as solving
 

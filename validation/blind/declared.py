@@ -9,9 +9,8 @@ import numpy as np
 
 from tdcr_fe.model.backbone import Backbone
 from tdcr_fe.model.loading import Load, LoadStep
-from tdcr_fe.model.robot import Disks, Robot
+from tdcr_fe.model.robot import Disks, Robot, Tendon
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting, PointsRouting, Routing
-from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.validation.blind.recipes import Drive
 
 #: Slack given to tendons that are not pulled, beyond that needed for the bending [m].

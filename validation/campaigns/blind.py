@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 
 from tdcr_fe.identify import identify
-from tdcr_fe.io.atomic import write_json
+from tdcr_fe.io.files import write_json
 from tdcr_fe.io.measured import read_measured
 from tdcr_fe.validation.blind.maker import Answer, make_blind
 from tdcr_fe.validation.blind.recipes import Recipe, plan, plan_of

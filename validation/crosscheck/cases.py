@@ -11,9 +11,8 @@ import numpy as np
 
 from tdcr_fe.model.backbone import Backbone, StiffnessPatch, Superelastic
 from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Disks, Robot
+from tdcr_fe.model.robot import Disks, Robot, Tendon
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting, Routing
-from tdcr_fe.model.tendon import Tendon
 
 #: Length of the backbone [m].
 LENGTH = 0.25

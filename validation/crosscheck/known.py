@@ -8,9 +8,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tdcr_fe.model.loading import Load
-from tdcr_fe.model.robot import Disks, Robot
+from tdcr_fe.model.robot import Disks, Robot, Tendon
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting, Routing
-from tdcr_fe.model.tendon import Tendon
 from tdcr_fe.validation.crosscheck.cases import BACKBONE, LENGTH
 from tdcr_fe.validation.reference.closed_forms import constant_strain, elastica_tip, helix_wrench
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tdcr_fe.io.atomic import write_json, write_text
+from tdcr_fe.io.files import write_json, write_text
 from tdcr_fe.report.environment import short
 from tdcr_fe.validation.crosscheck.compare import LARGEST, TENSION_TOLERANCE, TIP_TOLERANCE
 from tdcr_fe.validation.crosscheck.page import to_html

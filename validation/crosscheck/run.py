@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from tdcr_fe.io.atomic import plain
+from tdcr_fe.io.files import OtherHead, plain
 from tdcr_fe.io.result_files import versions as package_versions
-from tdcr_fe.io.store import OtherHead
 from tdcr_fe.validation.crosscheck.cases import Case
 from tdcr_fe.validation.crosscheck.compare import TIP_TOLERANCE, compare
 from tdcr_fe.validation.crosscheck.studies import Study

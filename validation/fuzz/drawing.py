@@ -13,7 +13,7 @@ from tdcr_fe.model.backbone import Backbone, NonlinearMaterial, StiffnessPatch, 
 from tdcr_fe.model.checks import course_contradictions
 from tdcr_fe.model.friction import ConstantFriction, ForceDependentFriction, StribeckFriction
 from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Disks, Robot, SideSpring
+from tdcr_fe.model.robot import Disks, Robot, SideSpring, Tendon, TightHole
 from tdcr_fe.model.routing import (
     ConvergingRouting,
     HelicalRouting,
@@ -22,7 +22,6 @@ from tdcr_fe.model.routing import (
     Routing,
     VaryingHelicalRouting,
 )
-from tdcr_fe.model.tendon import Tendon, TightHole
 from tdcr_fe.validation.drawing import Draw, RandomCase, ranges
 
 #: Largest bending angle that the tensions together give a straight robot [rad], largest force at the tip over EI/L^2,

@@ -17,8 +17,7 @@ from tdcr_fe.elements import Array, Index
 from tdcr_fe.model.friction import ConstantFriction, StribeckFriction
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.results import StepResult
-from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.tendon import Tendon
+from tdcr_fe.model.robot import Robot, Tendon
 from tdcr_fe.validation.reference.closed_forms import constant_strain
 from tdcr_fe.validation.reference.layout import Layout
 from tdcr_fe.validation.reference.rod import ad, tendon_course

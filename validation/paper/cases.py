@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from tdcr_fe.io.atomic import write_text
+from tdcr_fe.io.files import write_text
 from tdcr_fe.io.toml import Scenario, read_robot, read_scenario
 from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
 from tdcr_fe.model.loading import Model

@@ -24,8 +24,7 @@ from scipy.optimize import least_squares
 
 from tdcr_fe.elements import Array
 from tdcr_fe.model.loading import Load, LoadStep, Model
-from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.tendon import Tendon
+from tdcr_fe.model.robot import Robot, Tendon
 from tdcr_fe.solve.simulate import simulate
 from tdcr_fe.validation.paper.cases import DATA, prototype
 

@@ -8,8 +8,7 @@ import numpy as np
 
 from tdcr_fe.model.friction import ConstantFriction, ForceDependentFriction
 from tdcr_fe.model.loading import Model
-from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.tendon import Tendon
+from tdcr_fe.model.robot import Robot, Tendon
 from tdcr_fe.validation.reference.layout import Layout
 from tdcr_fe.validation.reference.rod import hat
 from tdcr_fe.validation.reference.settings import Array, HoleFriction, Index, Mask

@@ -18,9 +18,8 @@ import numpy as np
 from tdcr_fe.effects import EFFECTS, Experiment, effect, with_effects
 from tdcr_fe.elements import Array
 from tdcr_fe.model.checks import ARC_TOLERANCE
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Robot, Tendon
 from tdcr_fe.model.routing import PointsRouting, Routing, TurnedRouting
-from tdcr_fe.model.tendon import Tendon
 
 #: Components of a load of the current step, in the order of its six values.
 LOAD_COMPONENTS = ("force_x", "force_y", "force_z", "moment_x", "moment_y", "moment_z")
@@ -343,7 +342,8 @@ def _tendon_parameter(robot: Robot, name: str, rest: Sequence[str]) -> ModelPara
     if rest[0] in names and len(rest) > 1:
         which, tokens = [names.index(rest[0])], rest[1:]
     else:
-        which, tokens = list(range(len(names))), rest
+        without = [i for i, t in enumerate(robot.tendons) if not t.friction]  # a law has the coefficient
+        which, tokens = without if rest == ["friction_coefficient"] else list(range(len(names))), rest
     paths = [_tendon_path(robot.tendons[i], tokens) for i in which]
     present = [_get(robot.tendons[i], path) for i, path in zip(which, paths, strict=True)]
     if any(x is None for x in present) and tokens[-1] == "axial_stiffness":
@@ -351,7 +351,7 @@ def _tendon_parameter(robot: Robot, name: str, rest: Sequence[str]) -> ModelPara
             f"sensitivities: {name!r}: the tendon is inextensible; effects.tendon_stretch.axial_stiffness gives "
             "the derivative by its compliance"
         )
-    if any(isinstance(x, bool) or not isinstance(x, int | float) for x in present):
+    if not present or any(isinstance(x, bool) or not isinstance(x, int | float) for x in present):
         raise TypeError(name)
     mean = float(sum(present)) / len(present)
 
