@@ -59,8 +59,8 @@ class TendonActuation:
     motors: tuple[Motor, ...] = ()
 
     def __post_init__(self) -> None:
-        self.drives = TendonDrives.by_tension(self.count)
-        self.inputs: Inputs = np.zeros(self.count)
+        self.drives = TendonDrives.by_tension(self.law.shape[0])
+        self.inputs: Inputs = np.zeros(self.law.shape[0])
         self._node_coordinates = NodeCoordinates(self.system, self.nodes)
         self._scene_forces = SceneForces(self._node_coordinates)
         self._solved: tuple[Array, RobotHistory, TendonForces] | None = None
@@ -70,11 +70,6 @@ class TendonActuation:
     def mbs(self) -> exu.MainSystem:
         """The system that contains the robot."""
         return self.system.mbs
-
-    @property
-    def count(self) -> int:
-        """Number of tendons."""
-        return self.model.law.shape[0]
 
     @property
     def mesh(self) -> BackboneMesh:
@@ -180,7 +175,7 @@ class TendonActuation:
         if not self.drives.winds[motor.tendon]:
             self.drives = self.drives.replaced(motor.tendon, DISPLACEMENT, 1.0)
             if not callable(self.inputs):  # a tension that was set
-                self.inputs = np.where(np.arange(self.count) == motor.tendon, 0.0, self.inputs)
+                self.inputs = np.where(np.arange(self.law.shape[0]) == motor.tendon, 0.0, self.inputs)
         nodes = [int(node) for node in (*self.nodes, *(motor.node for motor in self.motors))]
         self.mbs.SetObjectParameter(self.connectors.forces, "nodeNumbers", nodes)
 
@@ -277,7 +272,7 @@ class TendonActuation:
         forces = tendons.at_rest(self.model.measure(positions, rotations))
         columns = forces_by_inputs(forces, tendons.driven, stuck, 6 * len(positions))
         found = [generalized_forces(each.reshape(-1, 6), rotations, parameters) for each in columns.T]
-        return np.reshape(found, (self.count, parameters.size + positions.size)).T
+        return np.reshape(found, (self.law.shape[0], parameters.size + positions.size)).T
 
     def _in_step(self, displacements: Sequence[float], t: float) -> tuple[Array, ElasticTendons]:
         """Coordinates of the nodes, and the tendons with what the motors have wound."""
@@ -330,7 +325,7 @@ class TendonActuation:
         """Draw the tendons where they lie in their holes, if they can shift there."""
         if self.model.geometry is None or not self.model.geometry.shifts:
             return
-        offsets = forces.measured.shape.lines.offsets
+        offsets = forces.measured.shape.lines.offsets.swapaxes(0, 1)
         half = 0.5 * float(self.mesh.lengths[0])
         for markers, of_tendon in zip(self.connectors.hole_markers, offsets, strict=True):
             for k, (marker, offset) in enumerate(zip(markers, of_tendon.tolist(), strict=False)):

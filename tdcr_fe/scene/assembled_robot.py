@@ -44,23 +44,24 @@ class InputsOverTime:
         ValueError
             Not one finite number per tendon, or a negative tension.
         """
-        where = f"robot {self.actuation.name!r}: the function of set_inputs_over_time, at time {t:g} s"
-        expected = f"a list with one number for every tendon ({', '.join(self.names)})"
+        expected = "a list with one number for every tendon"
         try:
             values = np.array(self.function(t), dtype=float)
         except (TypeError, ValueError) as wrong:
-            raise ValueError(f"{where}: {wrong}; must return {expected}") from wrong
+            raise self._error(t, f": {wrong}; must return {expected}") from wrong
         if values.shape != (len(self.names),):
-            raise ValueError(f"{where}, returned {values.tolist()}; must be {expected}")
+            raise self._error(t, f", returned {values.tolist()}; must be {expected}")
         drives = self.actuation.drives
-        push = ~drives.winds & (values < 0.0)
-        wrong_ones = ~np.isfinite(values) | (push & (values < -TENSION_ROUND_OFF))
-        if np.any(wrong_ones):
-            k = int(np.argmax(wrong_ones))
+        allowed = (values >= drives.least - TENSION_ROUND_OFF) & (values < np.inf)
+        if not allowed.all():
+            k = int(allowed.argmin())
             returned = f"{values[k]:g} for tendon {self.names[k]!r}"
-            raise ValueError(f"{where}, returned {returned}; must be finite, a tension >= 0")
-        values[push] = 0.0
-        return values * drives.scale
+            raise self._error(t, f", returned {returned}; must be finite, a tension >= 0")
+        return np.asarray(np.maximum(values, drives.least) * drives.scale)
+
+    def _error(self, t: float, text: str) -> ValueError:
+        where = f"robot {self.actuation.name!r}: the function of set_inputs_over_time, at time {t:g} s"
+        return ValueError(f"{where}{text} ({', '.join(self.names)})")
 
 
 def named_inputs(names: Sequence[str], given: Inputs, drive: Drive) -> dict[str, float]:

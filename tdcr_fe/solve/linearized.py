@@ -172,7 +172,7 @@ def TDCRLinearized(
     mass, stiffness, damping, basis = _matrices(mbs, hooks, holes)
     columns, names = [], []
     for robot in hooks.actuations:
-        forces = np.zeros((len(basis), robot.count))
+        forces = np.zeros((len(basis), robot.law.shape[0]))
         forces[robot.coordinates.reshape(-1)] = robot.forces_by_inputs(holes == "stuck")
         columns.append(forces)
         names += [mbs.GetNode(node)["name"].removesuffix(".history") for node in robot.history_nodes.nodes]

@@ -195,7 +195,7 @@ class TendonStack:
         released = np.concatenate([field.released_length for field in fields])
         wrenches = np.zeros((size, 0, 6))
         if self.geometry is not None:
-            wrenches = shape.lines.wrenches_of_each(tension)[self.rows].sum(axis=1)
+            wrenches = shape.lines.wrenches_of_each(tension)[:, self.rows].sum(axis=2).swapaxes(0, 1)
         return Values(wrenches, tension[self.rows], released[self.rows])
 
     def _shape(self, point: RobotPoint, nodes: Index) -> CableShape:
