@@ -158,14 +158,14 @@ class TendonActuation:
 
     def input_values(self, t: float = 0.0, configuration: Any = exu.ConfigurationType.Current) -> Array:
         """Tensions [N] and displacements [m] at the base, at time t, with what the motors have wound in the scene."""
-        values = self._set_values(t)
+        values = self.values_as_set(t)
         if not self.motors:
             return values
         data = self.mbs.systemData.GetODE2Coordinates(configuration, copy=False)
         angles = np.array([data[self.mbs.GetNodeODE2Index(motor.node)] for motor in self.motors])
         return wound(self.motors, values, angles)
 
-    def _set_values(self, t: float) -> Array:
+    def values_as_set(self, t: float) -> Array:
         """Tensions and displacements at the base as they were set."""
         return np.asarray(self.inputs(t) if callable(self.inputs) else self.inputs, dtype=float)
 
@@ -276,7 +276,7 @@ class TendonActuation:
 
     def _in_step(self, displacements: Sequence[float], t: float) -> tuple[Array, ElasticTendons]:
         """Coordinates of the nodes, and the tendons with what the motors have wound."""
-        moved, values, count = np.array(displacements), self._set_values(t), len(self.motors)
+        moved, values, count = np.array(displacements), self.values_as_set(t), len(self.motors)
         if count:
             values = wound(self.motors, values, moved[-count:])
             moved = moved[:-count]
