@@ -36,7 +36,7 @@ BUDGET = {
     "tdcr_fe/model": 2439,
     "tdcr_fe/report": 1105,
     "tdcr_fe/scene": 1330,
-    "tdcr_fe/solve": 6266,
+    "tdcr_fe/solve": 6253,
     "tdcr_fe/sweeps": 1406,
     "validation": 6410,
     "tests": 12481,
