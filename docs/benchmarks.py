@@ -19,6 +19,7 @@ from threadpoolctl import threadpool_limits
 
 from tdcr_fe import (
     Backbone,
+    CreateTDCR,
     Disks,
     LoadStep,
     Model,
@@ -161,6 +162,52 @@ def print_sensitivities() -> None:
         print(f"| {count} | {spent:.2f} | {spent / alone:.2f} |", flush=True)
 
 
+def dynamics(segments: int) -> tuple[float, int]:
+    """Processor time [s] and iterations of a motion in Exudyn, with friction and material damping, in steps of 2 ms.
+
+    Every segment has five disks, a tenth of a metre, and three tendons that end at its tip.
+    """
+    length, disks = 0.1 * segments, Disks.equally_spaced(5 * segments, 0.1 * segments, mass=0.17e-3)
+    tendons = tuple(
+        Tendon(
+            f"t{3 * k + j + 1}",
+            ParallelRouting(4.5e-3, 120.0 * j + 40.0 * k),
+            friction_coefficient=0.2,
+            end=None if k == segments - 1 else 0.1 * (k + 1),
+        )
+        for k in range(segments)
+        for j in range(3)
+    )
+    backbone = Backbone(length, 0.4e-3, 85e9, 0.3, 5600.0, retardation_time=1e-2)
+    container = exu.SystemContainer()
+    mbs = container.AddSystem()
+    arm = CreateTDCR(
+        mbs, Robot(backbone, disks, tendons), Model(elements_per_bay=1), gravity=(0.0, 0.0, 9.81)
+    )
+    mbs.Assemble()
+    phases = 2.0 / 3.0 * np.pi * np.arange(len(tendons))
+
+    def tensions(t: float) -> Array:
+        share = 0.5 * (1.0 - np.cos(np.pi * min(2.0 * t, 1.0)))
+        return share * (0.6 + 0.4 * np.sin(2.0 * np.pi * t + phases))
+
+    arm.set_inputs_over_time(tensions)
+    settings = arm.recommended_settings(1.0, 2e-3)
+    settings.timeIntegration.verboseMode, settings.solution.file.write = 0, False
+    begun = time.process_time()
+    mbs.SolveDynamic(settings)
+    return time.process_time() - begun, mbs.sys["dynamicSolver"].it.newtonStepsCount
+
+
+def print_dynamics() -> None:
+    """Print how fast motions in Exudyn are."""
+    print("\n| segments | tendons | time simulated over processor time | iterations of 500 steps |")
+    print("| --- | --- | --- | --- |")
+    for segments in (1, 2, 3):
+        spent, iterations = min(dynamics(segments) for _ in range(3))
+        print(f"| {segments} | {3 * segments} | {1.0 / spent:.2f} | {iterations} |", flush=True)
+
+
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -190,6 +237,7 @@ def main() -> None:
     ):
         spent = least_time(lambda model=model, steps=steps: simulate(robot(13), model, steps), 7)  # type: ignore[misc]
         print(f"| {name} | {1e3 * spent:.0f} |", flush=True)
+    print_dynamics()
     print_sensitivities()
     print_accuracy()
 

@@ -31,12 +31,14 @@ class HoleSlopes(NamedTuple):
     def chain(self) -> Array:
         """``dT_k / dT_j`` of all pairs of segments, shape (m, n, n)."""
         m, h = self.by_tension.shape
-        behind = np.arange(h + 1) >= np.arange(h + 1)[:, None]
-        # Factors of the holes from segment j on, one before it; their products reach from j to k.
-        factors = np.where(behind[:, :-1], self.by_tension[:, None, :], 1.0)
+        number = np.arange(h + 1)
+        behind = number[:, None] >= number
         found = np.ones((m, h + 1, h + 1))
-        factors.cumprod(axis=2, out=found[:, :, 1:])
-        return np.asarray((found * behind).swapaxes(1, 2))
+        # Factors of the holes from segment j on, one before it; their products reach from j to k.
+        factors = np.where(behind[:-1], self.by_tension[:, :, None], 1.0)
+        factors.cumprod(axis=1, out=found[:, 1:])
+        found *= behind
+        return found
 
     def derivatives(self, incidence: Array) -> TensionDerivatives:
         """Of the tensions along the tendons at fixed lengths of their segments.
@@ -44,10 +46,11 @@ class HoleSlopes(NamedTuple):
         ``incidence``: from the mobilisations to the holes, shape (n-1, g).
         """
         chain = self.chain()
-        beyond = chain[:, :, 1:]
+        n, beyond = chain.shape[1], chain[:, :, 1:]
         by_mobilisation = (beyond * self.by_mobilisation[:, None, :]) @ incidence
-        by_angle = beyond * self.by_angle[:, None, :]
-        return TensionDerivatives(np.zeros_like(chain), by_angle, chain[:, :, 0], by_mobilisation)
+        by_shape = np.zeros((len(chain), n, 2 * n - 1))
+        np.multiply(beyond, self.by_angle[:, None, :], out=by_shape[:, :, n:])
+        return TensionDerivatives(by_shape, chain[:, :, 0], by_mobilisation)
 
 
 #: Gives the derivatives, which are formed on demand.
@@ -122,8 +125,7 @@ def _with_adhesion(tension: Array, mobilisation: Array, factor: Array, adhesion:
 class TensionDerivatives(NamedTuple):
     """Derivatives of the tensions along all tendons."""
 
-    d_length: Array  # (m, n, n): By the segments' lengths [N/m]
-    d_angle: Array  # (m, n, n-1): By the turning angles [N/rad]
+    by_shape: Array  # (m, n, 2n-1): By the segments' lengths [N/m], then by the turning angles [N/rad]
     d_base: Array  # (m, n): By the tension at the base [1]
     by_mobilisation: Array  # (m, n, g): By the mobilisations, where these are independent unknowns [N]
 
@@ -168,12 +170,12 @@ class TensionField:
     @property
     def d_length(self) -> Array:
         """Of the tensions with respect to the segments' lengths [N/m], shape (m, n, n)."""
-        return self.derivatives.d_length
+        return self.derivatives.by_shape[:, :, : self.tension.shape[1]]
 
     @property
     def d_angle(self) -> Array:
         """Of the tensions with respect to the turning angles [N/rad], shape (m, n, n-1)."""
-        return self.derivatives.d_angle
+        return self.derivatives.by_shape[:, :, self.tension.shape[1] :]
 
     @property
     def d_base(self) -> Array:

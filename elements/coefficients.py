@@ -155,8 +155,8 @@ def tension_derivatives(
     tension = solved.tension
     n, h, g = tension.shape[1], angles.shape[1], hole_incidence.shape[1]
     # Implicit function theorem: dT = E + B dmu, (I - G B) dmu = G E + ..., with E the change at kept coefficients.
-    _, by_angle, by_base, by_mobilisation = solved.slopes().derivatives(hole_incidence)
-    kept = np.concatenate((by_angle, by_mobilisation, by_base[:, :, None]), axis=2)
+    by_shape, by_base, by_mobilisation = solved.slopes().derivatives(hole_incidence)
+    kept = np.concatenate((by_shape[:, :, n:], by_mobilisation, by_base[:, :, None]), axis=2)
     change = solved.by_tension @ kept
     hole = np.arange(h)
     force_by_angle = 0.5 * (tension[:, :-1] + tension[:, 1:]) * np.cos(0.5 * angles)
@@ -165,5 +165,5 @@ def tension_derivatives(
     right = np.concatenate((by_length, change), axis=2)
     total = solved.by_coefficient @ np.linalg.solve(solved.matrix, right)
     total[:, :, n:] += kept
-    d_length, d_angle, by_mobilisation, d_base = np.split(total, (n, n + h, n + h + g), axis=2)
-    return TensionDerivatives(d_length, d_angle, d_base[:, :, 0], by_mobilisation)
+    by_shape, by_mobilisation, by_base = np.split(total, (n + h, n + h + g), axis=2)
+    return TensionDerivatives(by_shape, by_base[:, :, 0], by_mobilisation)

@@ -115,3 +115,8 @@ class TendonDrives:
     def winds(self) -> Flags:
         """Which tendons have the length prescribed that is wound, their tensions being unknown; shape (m,)."""
         return np.array([kind.winds for kind in self.kinds], dtype=bool)
+
+    @cached_property
+    def least(self) -> Array:
+        """Smallest inputs: zero for tensions, any finite number for what is wound; shape (m,)."""
+        return np.where(self.winds, np.finfo(float).min, 0.0)

@@ -229,9 +229,7 @@ class TendonForces:
     @cached_property
     def tension_by_holes(self) -> Array:
         """Derivatives of the tensions of the segments by the nodes that carry holes, shape (m, n, W)."""
-        f, s = self.field, self.measured.shape
-        change: Array = f.d_angle @ s.d_angles
-        return change + f.d_length @ s.d_lengths if f.depends_on_length else change
+        return np.asarray(self.field.derivatives.by_shape @ self.measured.shape.by_nodes)
 
     @cached_property
     def released_by_holes(self) -> Array:
@@ -259,16 +257,12 @@ class TendonForces:
         field, shape, (m, n) = self.field, self.measured.shape, self.model.law.shape
         moved = nodes if self.model.columns is None else nodes[self.model.columns]
         width, count = moved.shape
-        lengths = (shape.d_lengths.reshape(m * n, width) @ moved).reshape(m, n, count)
-        tension = field.d_base[:, :, None] * base_tension[:, None, :]
+        changed = (shape.by_nodes.reshape(-1, width) @ moved).reshape(m, 2 * n - 1, count)
+        tension = field.d_base[:, :, None] * base_tension[:, None, :] + field.derivatives.by_shape @ changed
         if mobilisation is not None:
             tension = tension + field.by_mobilisation @ mobilisation
-        angles = (shape.d_angles.reshape(m * (n - 1), width) @ moved).reshape(m, n - 1, count)
-        tension = tension + field.d_angle @ angles
-        if field.depends_on_length:
-            tension = tension + field.d_length @ lengths
         by_length, by_tension = field.released_d_length[:, :, None], field.released_d_tension[:, :, None]
-        return tension, by_length * lengths + by_tension * tension
+        return tension, by_length * changed[:, :n] + by_tension * tension
 
     # ------------------------------------------------------------------ slips
 
@@ -332,18 +326,25 @@ class TendonForces:
 
     # ------------------------------------------------------------------ forces on the nodes
 
+    @cached_property
+    def pulls(self) -> Array:
+        """See `CableLines.pulls`."""
+        return self.measured.shape.lines.pulls(self.field.tension)
+
+    @cached_property
     def section_wrenches(self) -> Array:
         """Wrench ``[f, m]`` of the section forces on every node, in its own frame, shape (N, 6)."""
         assert self.model.section is not None
         return nodal_sum(self.model.section.wrenches(self.measured.twists, self.field.tension[:, 0]))
 
+    @cached_property
     def nodal_wrenches(self) -> Array:
         """Wrench ``[f, m]`` of tendons, section forces and springs on every node, in its own frame, shape (N, 6)."""
         total = np.zeros((self.model.mesh.arc_lengths.size, 6))
         if self.model.geometry is not None:
-            total[self.model.cable_nodes] = self.measured.shape.lines.wrenches(self.field.tension)
+            total[self.model.cable_nodes] = self.measured.shape.lines.wrenches(self.pulls)
         if self.model.section is not None:
-            total += self.section_wrenches()
+            total += self.section_wrenches
         if self.model.springs is not None:
             np.add.at(total[:, :3], self.model.springs.nodes, self.model.springs.forces(*self.measured.poses))
         return total
@@ -369,7 +370,7 @@ class TendonForces:
             Number of the first node of this robot among them.
         """
         if self.model.geometry is not None:
-            geometric = self.measured.shape.lines.stiffness(self.field.tension)
+            geometric = self.measured.shape.lines.stiffness(self.field.tension, self.pulls)
             geometric.add_to(k, first + self.model.cable_nodes)
         inside = slice(6 * first, 6 * (first + self.model.mesh.arc_lengths.size))
         own, springs = k[inside, inside], self.model.springs
@@ -401,7 +402,7 @@ class TendonForces:
         if self.model.section is not None:
             # Derivatives of the section forces by the twists, and by the frames in which they are expressed.
             blocks = self.model.section.wrench_tangent(self.measured.twists, self.field.tension[:, 0])
-            add_element_tangent(k, blocks, self.section_wrenches())
+            add_element_tangent(k, blocks, self.section_wrenches)
 
     def to_all_nodes(self, rows: Array) -> Array:
         """Rows by the nodes with holes as rows by all nodes, shape (k, W) to (k, 6 N)."""

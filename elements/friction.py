@@ -457,23 +457,19 @@ class TendonLaw:
             direction = np.sign(trial - state.mobilisation)
             flexibility, slope = self.hysteresis.flexibility(field.mobilisation, direction), slopes()
             by_released = (slope / flexibility)[:, :, None] * self.slip_operator
-            by_length = by_released * field.released_d_length[:, None, :]
+            by_length, n = by_released * field.released_d_length[:, None, :], self.shape[1]
+            by_shape, by_base, by_mobilisation = field.derivatives
+            total = by_shape.copy()
             if not self.elastic:
-                return field.derivatives._replace(d_length=field.d_length + field.by_mobilisation @ by_length)
+                total[:, :, :n] += by_mobilisation @ by_length
+                return TensionDerivatives(total, by_base, by_mobilisation)
             scaled = self._matrix(field, flexibility) / flexibility[:, :, None]
             jacobian = np.where(slope[:, :, None] > 0.0, scaled, np.eye(self.groups))
             by_tension = by_released * field.released_d_tension[:, None, :]
-            by_base = by_tension @ field.d_base[:, :, None]
-            by_angle = by_tension @ field.d_angle
-            right = np.concatenate((by_length + by_tension @ field.d_length, by_angle, by_base), axis=2)
-            ds = field.by_mobilisation @ np.linalg.solve(jacobian, right)
-            n = self.shape[1]
-            return TensionDerivatives(
-                field.d_length + ds[:, :, :n],
-                field.d_angle + ds[:, :, n : 2 * n - 1],
-                field.d_base + ds[:, :, -1],
-                field.by_mobilisation,
-            )
+            right = by_tension @ np.concatenate((by_shape, by_base[:, :, None]), axis=2)
+            right[:, :, :n] += by_length
+            ds = by_mobilisation @ np.linalg.solve(jacobian, right)
+            return TensionDerivatives(total + ds[:, :, :-1], by_base + ds[:, :, -1], by_mobilisation)
 
         return replace(field, depends_on_length=True, derive=derive, at_holes=None)
 

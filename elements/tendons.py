@@ -10,7 +10,7 @@ import numpy as np
 
 from tdcr_fe.elements import Array, Flags
 from tdcr_fe.elements.backbone import NodeStiffness
-from tdcr_fe.elements.poses import EYE9, ONES3, cross, skew
+from tdcr_fe.elements.poses import EYE3, EYE9, ONES3, skew
 
 #: ``p @ _TURNED`` is, row by row, ``(p + p^T) / 2 - tr(p) 1``.
 _TURNED = 0.5 * (np.eye(9) + np.eye(9)[np.arange(9).reshape(3, 3).T.ravel()]) - np.outer(EYE9, EYE9)
@@ -35,21 +35,25 @@ class CableShape:
     width: int = 0  # Number W of body-frame components of the nodes that carry straight segments
 
     @cached_property
-    def d_lengths(self) -> Array:
-        """Derivatives of the lengths, shape (m, n, W)."""
+    def by_nodes(self) -> Array:
+        """Derivatives of the lengths, then of the angles, shape (m, 2n-1, W)."""
         if self.along is not None:
             return self.along
-        found = np.zeros((*self.lengths.shape, self.width))
-        along_nodes(found, 12)[...] = self.lines.segments[:, :, 3].transpose(1, 0, 2)
+        (m, n), lines = self.lengths.shape, self.lines
+        found = np.zeros((m, 2 * n - 1, self.width))
+        along_nodes(found, 0, n, 12)[...] = lines.segments[:, :, 3].transpose(1, 0, 2)
+        along_nodes(found, n, n - 1, 18)[...] = lines.turns.transpose(1, 0, 2)
         return found
 
-    @cached_property
+    @property
+    def d_lengths(self) -> Array:
+        """Derivatives of the lengths, shape (m, n, W)."""
+        return self.by_nodes[:, : self.lengths.shape[1]]
+
+    @property
     def d_angles(self) -> Array:
         """Derivatives of the angles, shape (m, n-1, W)."""
-        found = np.zeros((*self.angles.shape, self.d_lengths.shape[2]))
-        if self.angles.size:
-            along_nodes(found, 18)[...] = self.lines.turns.transpose(1, 0, 2)
-        return found
+        return self.by_nodes[:, self.lengths.shape[1] :]
 
     @property
     def lines(self) -> CableLines:
@@ -98,17 +102,9 @@ class CableLines:
     """Straight segments of all tendons in one configuration."""
 
     frames: Array  # (n+1, 3, 3): Rotations of the nodes that carry the holes
-    offsets: Array  # (m, n+1, 3): Of the holes, in the frames of their nodes [m]
+    offsets: Array  # (n+1, m, 3): Of the holes, in the frames of their nodes [m]
+    levers: Array  # (n+1, m, 3, 6): See `levers`
     between: Segments  # From hole to hole; segment or hole first
-
-    @cached_property
-    def maps(self) -> Array:
-        """From a force on a hole, in world axes, to the wrench on its node in its own frame, (m, n+1, 6, 3)."""
-        turned = self.frames.swapaxes(-1, -2)
-        maps: Array = np.empty((*self.offsets.shape[:2], 6, 3))
-        maps[..., :3, :] = turned
-        np.matmul(skew(self.offsets), turned, out=maps[..., 3:, :])
-        return maps
 
     def softening(self, change: Array) -> Array:
         """Pull on the nodes of changes of the tensions, of shape (m, n, W): shape (n+1, 6, W)."""
@@ -120,22 +116,22 @@ class CableLines:
         return pull
 
     def pulls(self, tension: Array) -> Array:
-        """Forces on the holes in world axes [N], shape (m, n+1, 3), of tensions (m, n)."""
-        along = tension[..., None] * self.between.directions.swapaxes(0, 1)
-        m, n, _ = along.shape
-        force = np.zeros((m, n + 1, 3))
-        force[:, :-1] = along
-        force[:, 1:] -= along
-        return force
+        """Forces on the holes in the frames of their nodes [N], shape (n+1, m, 3), of tensions (m, n)."""
+        along = self.between.directions * tension.T[:, :, None]
+        n, m, _ = along.shape
+        force = np.zeros((n + 1, m, 3))
+        force[:-1] = along
+        force[1:] -= along
+        return force @ self.frames
 
     def wrenches_of_each(self, tension: Array) -> Array:
-        """As `wrenches`, of many tendons, each by itself: shape (m, n+1, 6)."""
-        local = (self.pulls(tension).swapaxes(0, 1) @ self.frames).swapaxes(0, 1)
-        return np.concatenate((local, cross(self.offsets, local)), axis=-1)
+        """As `wrenches`, of tensions (m, n) of many tendons, each by itself: shape (n+1, m, 6)."""
+        return np.asarray((self.pulls(tension)[:, :, None] @ self.levers)[:, :, 0])
 
-    def wrenches(self, tension: Array) -> Array:
-        """Wrench ``[f, m]`` of tensions (m, n) on every node with holes, in its own frame [N, N m], shape (n+1, 6)."""
-        return np.asarray(self.wrenches_of_each(tension).sum(axis=0))
+    def wrenches(self, pulls: Array) -> Array:
+        """Wrench ``[f, m]`` of `pulls` on every node with holes, in its own frame [N, N m], shape (n+1, 6)."""
+        count = len(pulls)
+        return np.asarray((pulls.reshape(count, 1, -1) @ self.levers.reshape(count, -1, 6))[:, 0])
 
     @cached_property
     def segments(self) -> Array:
@@ -143,10 +139,10 @@ class CableLines:
 
         By segment and tendon three rows in world axes, and a fourth along the segment: the change of its length.
         """
-        maps, along = self.maps.transpose(1, 0, 3, 2), self.between.directions
+        motions, along = self.frames[:, None] @ self.levers, self.between.directions
         rows: Array = np.empty((*along.shape[:2], 4, 12))
-        np.negative(maps[:-1], out=rows[:, :, :3, :6])
-        rows[:, :, :3, 6:] = maps[1:]
+        np.negative(motions[:-1], out=rows[:, :, :3, :6])
+        rows[:, :, :3, 6:] = motions[1:]
         np.matmul(along[:, :, None], rows[:, :, :3], out=rows[:, :, 3:])
         return rows
 
@@ -160,8 +156,8 @@ class CableLines:
         turns[:, :, 6:] += (after[:, :, None] @ motions[1:])[:, :, 0]
         return turns
 
-    def stiffness(self, tension: Array) -> NodeStiffness:
-        """Geometric stiffness: derivative of `wrenches` at fixed tensions (m, n), in Exudyn's sign.
+    def stiffness(self, tension: Array, pulls: Array) -> NodeStiffness:
+        """Geometric stiffness: derivative of `wrenches` at fixed tensions (m, n), in Exudyn's sign; with their `pulls`.
 
         A segment of length ``l`` and direction ``e`` resists with ``T / l`` across ``e``. At a hole with offset ``o``
         the lever turns with the node, which adds ``(f o^T + o f^T) / 2 - (f . o) 1`` by the rotation, with the force
@@ -176,10 +172,14 @@ class CableLines:
         itself[:-1] = block[:, :6, :6]
         itself[1:] += block[:, 6:, 6:]
         # f o^T summed over the holes of a node.
-        local = self.pulls(tension).transpose(1, 0, 2) @ self.frames
-        outer = local.swapaxes(1, 2) @ self.offsets.transpose(1, 0, 2)
+        outer = pulls.swapaxes(1, 2) @ self.offsets
         itself[:, 3:, 3:] += outer.reshape(-1, 9).dot(_TURNED).reshape(-1, 3, 3)
         return NodeStiffness(itself, block[:, :6, 6:])
+
+
+def levers(offsets: Array) -> Array:
+    """From a force, as a row, on holes with offsets (..., 3) in the frame of a node to its wrench, (..., 3, 6)."""
+    return np.concatenate((np.broadcast_to(EYE3, (*offsets.shape, 3)), -skew(offsets)), axis=-1)
 
 
 class CableGeometry:
@@ -208,6 +208,9 @@ class CableGeometry:
         self.shifts = self._loose.size > 0
         self.mask = mask
         self._exists = mask.T.astype(float)
+        # By hole and tendon.
+        self._offsets = np.ascontiguousarray(offsets.swapaxes(0, 1))
+        self._levers = levers(self._offsets)
 
     def shifted(self, positions: Array, rotations: Array) -> Array:
         """Where the tendons lie in oversized holes, shifted sideways in the direction of their pull [m].
@@ -251,19 +254,20 @@ class CableGeometry:
         positions, rotations
             Of the nodes that carry holes [m], shapes (N, 3) and (N, 3, 3).
         """
-        count, offsets = self.mask.shape[1] + 1, self.nominal
+        count, offsets, arms = self.mask.shape[1] + 1, self._offsets, self._levers
         if self.shifts:
-            offsets = self.shifted(positions, rotations)
+            offsets = np.ascontiguousarray(self.shifted(positions, rotations).swapaxes(0, 1))
+            arms = levers(offsets)
         frames = rotations[:count]
-        holes = (frames @ offsets[..., None])[..., 0]
-        holes += positions[:count]
-        between = Segments.between(holes.swapaxes(0, 1), self._exists)
-        lines = CableLines(frames, offsets, between)
+        holes = offsets @ frames.swapaxes(1, 2)
+        holes += positions[:count, None]
+        between = Segments.between(holes, self._exists)
+        lines = CableLines(frames, offsets, arms, between)
         return CableShape(between.lengths.T, between.angles.T, lines, width=6 * len(positions))
 
 
-def along_nodes(rows: Array, width: int) -> Array:
-    """View of contiguous (m, r, 6 N): of row ``k`` the ``width`` entries from node ``k`` on, (m, r, width)."""
-    m, r, _ = rows.shape
-    per_tendon, per_row, one = rows.strides
-    return np.ndarray((m, r, width), rows.dtype, rows, 0, (per_tendon, per_row + 6 * one, one))
+def along_nodes(table: Array, first: int, count: int, width: int) -> Array:
+    """View of contiguous (m, r, 6 N): of row ``first + k`` the ``width`` entries from node ``k`` on."""
+    per_tendon, per_row, one = table.strides
+    strides = per_tendon, per_row + 6 * one, one
+    return np.ndarray((len(table), count, width), table.dtype, table, first * per_row, strides)

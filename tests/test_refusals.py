@@ -57,10 +57,14 @@ def differentiated(*names):
 
 
 def tracked(name, before=0.0, **backbone):
-    """Derivatives that begin after a pull [N]."""
+    """Derivatives that begin after a pull [N]; what is refused has moved nothing."""
     _container, mbs, arm = scene(three(0.2).with_backbone(**backbone))
     solve_scene(mbs, arm, {"t1": before})
-    mbs.SolveTDCR(sensitivities=[tdcr.track_sensitivities(arm, [name])])
+    arm.set_tensions({"t1": 2.0})
+    try:
+        mbs.SolveTDCR(sensitivities=[tdcr.track_sensitivities(arm, [name])])
+    finally:
+        assert arm.tensions()["t1"][0] == before
 
 
 DESCRIPTIONS = [
@@ -167,6 +171,10 @@ def used(call, assemble=False):
     call(mbs, handle)
 
 
+def wound(call):
+    return used(lambda mbs, arm: [arm.add_motor("t1", 1.0, 1.0), call(mbs, arm)])
+
+
 def touched(stiffness=1.0, **given):
     return used(lambda mbs, arm: arm.add_disk_contact(mbs.CreateGround(), stiffness, **given))
 
@@ -202,6 +210,14 @@ SCENES = [
     (lambda: used(lambda mbs, arm: arm.set_tensions([1.0, 2.0])), "2 values for 3 tendons"),
     (lambda: used(lambda mbs, arm: arm.set_tensions({"t1": -1.0})), "tension >= 0"),
     (lambda: used(lambda mbs, arm: arm.set_displacements({"t1": NAN})), "finite"),
+    # These were raw errors of Python, or went through: "123" as three tensions.
+    (lambda: used(lambda mbs, arm: arm.set_tensions(1.0)), "set_tensions.tensions = 1.0: must be a list of one"),
+    (lambda: used(lambda mbs, arm: arm.set_tensions("123")), 'set_tensions.tensions = "123": must be a list'),
+    (lambda: used(lambda mbs, arm: arm.recommended_settings("1", 1e-3)), 'end_time = "1": must be a positive number'),
+    (lambda: used(lambda mbs, arm: tdcr.track_sensitivities(mbs, ["inputs.t1"])), "arm is of type MainSystem"),
+    (lambda: used(lambda mbs, arm: mbs.SolveTDCR(sensitivities=arm), True), "sensitivities is of type TDCR; expected"),
+    (lambda: used(lambda mbs, arm: mbs.SolveTDCR(endTime=-1), True), "endTime = -1 s; must not be before"),
+    (lambda: used(lambda mbs, arm: mbs.TDCRLinearized(sensors=3), True), "sensors is of type int; expected a list"),
     (lambda: used(lambda mbs, arm: arm.set_inputs_over_time([1.0, 0.0, 0.0])), "needs a function of the time"),
     (lambda: used(lambda mbs, arm: arm.recommended_settings(1.0, 2.0)), "recommended_settings"),
     (lambda: used(lambda mbs, arm: arm.recommended_settings(NAN, 1e-3)), "recommended_settings"),
@@ -211,6 +227,10 @@ SCENES = [
     (lambda: used(lambda mbs, arm: arm.add_load("x", 0.25).set([NAN, 0.0, 0.0])), r"force\[0\] = nan: .*finite number"),
     (lambda: used(lambda mbs, arm: arm.add_motor("t1", 0.0, 1.0)), "inertia = 0.0"),
     (lambda: used(lambda mbs, arm: arm.add_motor("t1", 1.0, -1.0)), "radius = -1.0"),
+    (lambda: wound(lambda mbs, arm: arm.add_motor("t1", 1.0, 1.0)), "has a motor already"),
+    (lambda: wound(lambda mbs, arm: [mbs.Assemble(), mbs.SolveTDCR()]), "SolveTDCR: .* 'three' is wound by a motor"),
+    # It left the motor turning without its tendon.
+    (lambda: wound(lambda mbs, arm: arm.set_tensions({"t1": 1.0})), "tendon 't1' is wound by a motor"),
     (lambda: used(lambda mbs, arm: mbs.TDCREigenvalues(holes="free"), True), "must be 'stuck' or 'sliding'"),
     (lambda: used(lambda mbs, arm: arm.add_disk_contact(arm, 1.0), True), r"before mbs.Assemble\(\)"),
     (lambda: used(lambda mbs, arm: arm.add_disk_contact(3, 1.0, **BALL)), "other is of type int"),

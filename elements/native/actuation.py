@@ -59,8 +59,8 @@ class TendonActuation:
     motors: tuple[Motor, ...] = ()
 
     def __post_init__(self) -> None:
-        self.drives = TendonDrives.by_tension(self.count)
-        self.inputs: Inputs = np.zeros(self.count)
+        self.drives = TendonDrives.by_tension(self.law.shape[0])
+        self.inputs: Inputs = np.zeros(self.law.shape[0])
         self._node_coordinates = NodeCoordinates(self.system, self.nodes)
         self._scene_forces = SceneForces(self._node_coordinates)
         self._solved: tuple[Array, RobotHistory, TendonForces] | None = None
@@ -70,11 +70,6 @@ class TendonActuation:
     def mbs(self) -> exu.MainSystem:
         """The system that contains the robot."""
         return self.system.mbs
-
-    @property
-    def count(self) -> int:
-        """Number of tendons."""
-        return self.model.law.shape[0]
 
     @property
     def mesh(self) -> BackboneMesh:
@@ -163,14 +158,14 @@ class TendonActuation:
 
     def input_values(self, t: float = 0.0, configuration: Any = exu.ConfigurationType.Current) -> Array:
         """Tensions [N] and displacements [m] at the base, at time t, with what the motors have wound in the scene."""
-        values = self._set_values(t)
+        values = self.values_as_set(t)
         if not self.motors:
             return values
         data = self.mbs.systemData.GetODE2Coordinates(configuration, copy=False)
         angles = np.array([data[self.mbs.GetNodeODE2Index(motor.node)] for motor in self.motors])
         return wound(self.motors, values, angles)
 
-    def _set_values(self, t: float) -> Array:
+    def values_as_set(self, t: float) -> Array:
         """Tensions and displacements at the base as they were set."""
         return np.asarray(self.inputs(t) if callable(self.inputs) else self.inputs, dtype=float)
 
@@ -180,7 +175,7 @@ class TendonActuation:
         if not self.drives.winds[motor.tendon]:
             self.drives = self.drives.replaced(motor.tendon, DISPLACEMENT, 1.0)
             if not callable(self.inputs):  # a tension that was set
-                self.inputs = np.where(np.arange(self.count) == motor.tendon, 0.0, self.inputs)
+                self.inputs = np.where(np.arange(self.law.shape[0]) == motor.tendon, 0.0, self.inputs)
         nodes = [int(node) for node in (*self.nodes, *(motor.node for motor in self.motors))]
         self.mbs.SetObjectParameter(self.connectors.forces, "nodeNumbers", nodes)
 
@@ -277,11 +272,11 @@ class TendonActuation:
         forces = tendons.at_rest(self.model.measure(positions, rotations))
         columns = forces_by_inputs(forces, tendons.driven, stuck, 6 * len(positions))
         found = [generalized_forces(each.reshape(-1, 6), rotations, parameters) for each in columns.T]
-        return np.reshape(found, (self.count, parameters.size + positions.size)).T
+        return np.reshape(found, (self.law.shape[0], parameters.size + positions.size)).T
 
     def _in_step(self, displacements: Sequence[float], t: float) -> tuple[Array, ElasticTendons]:
         """Coordinates of the nodes, and the tendons with what the motors have wound."""
-        moved, values, count = np.array(displacements), self._set_values(t), len(self.motors)
+        moved, values, count = np.array(displacements), self.values_as_set(t), len(self.motors)
         if count:
             values = wound(self.motors, values, moved[-count:])
             moved = moved[:-count]
@@ -330,7 +325,7 @@ class TendonActuation:
         """Draw the tendons where they lie in their holes, if they can shift there."""
         if self.model.geometry is None or not self.model.geometry.shifts:
             return
-        offsets = forces.measured.shape.lines.offsets
+        offsets = forces.measured.shape.lines.offsets.swapaxes(0, 1)
         half = 0.5 * float(self.mesh.lengths[0])
         for markers, of_tendon in zip(self.connectors.hole_markers, offsets, strict=True):
             for k, (marker, offset) in enumerate(zip(markers, of_tendon.tolist(), strict=False)):

@@ -34,12 +34,12 @@ class ElasticTendons(NamedTuple):
     def same_step(self, other: ElasticTendons) -> bool:
         """Whether these and others are those of the same attempt of a step."""
         same = self.time == other.time and self.driven is other.driven and self.history is other.history
-        return same and np.array_equal(self.values, other.values)
+        return same and bool((self.values == other.values).all())
 
     @property
     def iterated(self) -> bool:
         """Whether tensions follow from angles and mobilisations alone, so that holes may be predicted."""
-        return self.model.law.simple and not np.any(self.driven)
+        return self.model.law.simple and not self.driven.any()
 
     def elastic(self) -> ForceModel:
         """The forces of these tendons."""
@@ -200,6 +200,6 @@ def add_condensed(k: Array, forces: TendonForces, driven: Flags, stuck: bool) ->
         Whether every frictional hole sticks; where not, mobilisations stay or follow as in the forces, so that holes at
         those of a solved state slide on in their direction, or are at rest without resistance.
     """
-    condensed = Condensed.of(forces, driven, stuck, len(k))
-    if len(condensed.matrix):
+    if stuck or driven.any():
+        condensed = Condensed.of(forces, driven, stuck, len(k))
         k -= condensed.columns @ np.linalg.solve(condensed.matrix, condensed.by_nodes)

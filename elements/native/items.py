@@ -68,8 +68,9 @@ def removed(names: Mapping[tuple[str, int], str], mbs: exu.MainSystem) -> bool:
 
 def item_counts(mbs: exu.MainSystem) -> dict[str, int]:
     """Number of objects, nodes, loads and sensors of a system."""
-    kinds = ("Object", "Node", "Load", "Sensor")
-    return {kind: getattr(mbs.systemData, f"NumberOf{kind}s")() for kind in kinds}
+    of = mbs.systemData
+    numbers = of.NumberOfObjects(), of.NumberOfNodes(), of.NumberOfLoads(), of.NumberOfSensors()
+    return dict(zip(("Object", "Node", "Load", "Sensor"), numbers, strict=True))
 
 
 def data_coordinates(mbs: exu.MainSystem, first: Any, count: int, configuration: Any) -> Array:

@@ -122,7 +122,7 @@ class HoleIterate(NamedTuple):
             agrees, and where that is of no use: tensions below zero, or more than doubled.
         """
         trial = law.hysteresis.trial(law.slips(law.parameters.lengths - shape.lengths), state)
-        limited = np.minimum(np.maximum(trial, -1.0), 1.0)
+        limited = _limited(trial)
         if keep:
             start = state.mobilisation
             sticks = np.abs(start) < 1.0
@@ -141,7 +141,10 @@ class HoleIterate(NamedTuple):
 def _secants(before: Array, trial: Array) -> Array:
     """Derivatives of limited mobilisations, or secants from the iterate before where they saturate, shape (m, g)."""
     slopes: Array = (np.abs(trial) < 1.0).astype(float)
-    change = np.clip(trial, -1.0, 1.0) - np.clip(before, -1.0, 1.0)
-    saturated = (slopes == 0.0) & (change != 0.0)
-    slopes[saturated] = change[saturated] / (trial - before)[saturated]
+    change = _limited(trial) - _limited(before)
+    np.divide(change, trial - before, out=slopes, where=(slopes == 0.0) & (change != 0.0))
     return slopes
+
+
+def _limited(trial: Array) -> Array:
+    return np.minimum(np.maximum(trial, -1.0), 1.0)

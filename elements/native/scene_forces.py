@@ -101,7 +101,7 @@ class SceneForces:
         iterate: HoleIterate | None = None
         if before is not None and before.tendons.same_step(tendons):
             kept = by_law and before.holes is not None and before.holes.kept
-            if not kept and np.array_equal(before.coordinates, coordinates):
+            if not kept and (before.coordinates == coordinates).all():
                 return before
             iterate = before.holes
         positions, rotations, parameters = self._coordinates.poses(coordinates.reshape(-1, 7))
@@ -142,9 +142,10 @@ class SceneForces:
             Of the robot.
         """
         found = self.at(coordinates, tendons)
-        on_nodes = generalized_forces(found.forces.nodal_wrenches(), found.rotations, found.parameters)
+        on_nodes = generalized_forces(found.forces.nodal_wrenches, found.rotations, found.parameters)
         tension = found.forces.base_tension
-        return np.append(on_nodes, [-motor.radius * tension[motor.tendon] for motor in motors])
+        torques = [-motor.radius * tension[motor.tendon] for motor in motors]
+        return np.append(on_nodes, torques) if torques else on_nodes
 
     def tangent(
         self, coordinates: Array, tendons: ElasticTendons, holes: Holes, motors: Sequence[Motor] = ()
@@ -169,7 +170,7 @@ class SceneForces:
         taut = tendons.driven & (forces.base_tension > 0.0)
         add_condensed(k, forces, taut, holes == "stuck")
         to_twist = twists_by_coordinates(found.rotations, found.parameters)
-        tangent = generalized_tangent(k, forces.nodal_wrenches()[:, 3:], to_twist)
+        tangent = generalized_tangent(k, forces.nodal_wrenches[:, 3:], to_twist)
         return with_motors(motors, tangent, found, to_twist) if motors else tangent
 
 

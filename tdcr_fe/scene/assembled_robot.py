@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
 import exudyn as exu
 import numpy as np
@@ -12,17 +12,21 @@ import numpy as np
 from tdcr_fe.elements import Array, Flags
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh
 from tdcr_fe.elements.capstan import TensionField
-from tdcr_fe.elements.drives import DISPLACEMENT, MOTOR_ANGLE, TENSION, Drive
+from tdcr_fe.elements.drives import DISPLACEMENT, DRIVES, MOTOR_ANGLE, TENSION, Drive
 from tdcr_fe.elements.friction import hole_states
 from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.elements.native.material_damping import MaterialDamping
 from tdcr_fe.model.results import interpolate_positions
 from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.schema import Keys, Quantity, check_arguments
 from tdcr_fe.scene.mesh import softened
 
 #: Inputs by tendon name, or of all tendons in order.
 Inputs = Mapping[str, float] | Sequence[float]
+_ALLOWED = "a list of one finite number for every tendon, or such numbers by name: {'t1': 1.0}"
+_ONE = Annotated[dict[str, float] | tuple[float, ...], Quantity(allowed=_ALLOWED)]
+_INPUTS = {drive: Keys({drive.inputs: _ONE}) for drive in DRIVES}
 #: A tension this far below zero is taken as zero: round-off of the user's function [N].
 TENSION_ROUND_OFF = 1e-9
 
@@ -44,27 +48,29 @@ class InputsOverTime:
         ValueError
             Not one finite number per tendon, or a negative tension.
         """
-        where = f"robot {self.actuation.name!r}: the function of set_inputs_over_time, at time {t:g} s"
-        expected = f"a list with one number for every tendon ({', '.join(self.names)})"
+        expected = "a list with one number for every tendon"
         try:
             values = np.array(self.function(t), dtype=float)
         except (TypeError, ValueError) as wrong:
-            raise ValueError(f"{where}: {wrong}; must return {expected}") from wrong
+            raise self._error(t, f": {wrong}; must return {expected}") from wrong
         if values.shape != (len(self.names),):
-            raise ValueError(f"{where}, returned {values.tolist()}; must be {expected}")
+            raise self._error(t, f", returned {values.tolist()}; must be {expected}")
         drives = self.actuation.drives
-        push = ~drives.winds & (values < 0.0)
-        wrong_ones = ~np.isfinite(values) | (push & (values < -TENSION_ROUND_OFF))
-        if np.any(wrong_ones):
-            k = int(np.argmax(wrong_ones))
+        allowed = (values >= drives.least - TENSION_ROUND_OFF) & (values < np.inf)
+        if not allowed.all():
+            k = int(allowed.argmin())
             returned = f"{values[k]:g} for tendon {self.names[k]!r}"
-            raise ValueError(f"{where}, returned {returned}; must be finite, a tension >= 0")
-        values[push] = 0.0
-        return values * drives.scale
+            raise self._error(t, f", returned {returned}; must be finite, a tension >= 0")
+        return np.asarray(np.maximum(values, drives.least) * drives.scale)
+
+    def _error(self, t: float, text: str) -> ValueError:
+        where = f"robot {self.actuation.name!r}: the function of set_inputs_over_time, at time {t:g} s"
+        return ValueError(f"{where}{text} ({', '.join(self.names)})")
 
 
 def named_inputs(names: Sequence[str], given: Inputs, drive: Drive) -> dict[str, float]:
     """Inputs of a drive by tendon, checked; given by name, or of every tendon in order."""
+    check_arguments(f"set_{drive.inputs}", _INPUTS[drive], {drive.inputs: given})
     if not isinstance(given, Mapping):
         if len(given) != len(names):
             raise ValueError(f"{len(given)} values for {len(names)} tendons ({', '.join(names)})")
@@ -72,11 +78,10 @@ def named_inputs(names: Sequence[str], given: Inputs, drive: Drive) -> dict[str,
     unknown = sorted(set(given) - set(names))
     if unknown:
         raise ValueError(f"no tendon {unknown[0]!r}; the robot has {', '.join(names) or 'none'}")
-    values = {name: float(value) for name, value in given.items()}
-    for name, value in values.items():
-        if not np.isfinite(value) or (value < 0.0 and not drive.winds):
-            raise ValueError(f"tendon {name!r}: {value} is not allowed; must be finite, a tension >= 0")
-    return values
+    for name, value in given.items():
+        if value < 0.0 and not drive.winds:
+            raise ValueError(f"tendon {name!r}: {value} is not allowed; must be a tension >= 0")
+    return {name: float(value) for name, value in given.items()}
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -146,11 +151,10 @@ class AssembledRobot:
     def _set_inputs(self, given: Inputs, drive: Drive) -> None:
         self._need_robot()
         names, actuation = self.robot.tendon_names, self.actuation
-        inputs = named_inputs(names, given, drive)
         # Inputs over time end here: the other tendons keep what they had in the last solved state.
-        values = actuation.input_values(actuation.state.time).copy()
+        values = actuation.values_as_set(actuation.state.time).copy()
         drives = actuation.drives
-        for name, value in inputs.items():
+        for name, value in named_inputs(names, given, drive).items():
             k = names.index(name)
             if obstacle := drive.obstacle(self.robot.tendons[k]):
                 raise ValueError(obstacle)

@@ -154,12 +154,10 @@ def CreateTDCR(
     applying = eii.ObjectGenericODE2(name=f"{name}.forces", nodeNumbers=nodes, visualization=hidden)
     others = [*bodies, joint] if damping is None else [*bodies, joint, *damping.bodies, *damping.dampers]
     connectors = Connectors(mbs.AddObject(applying), segments, holes, beams, others)
-    names = [f"{name}.{tendon}.history" for tendon in robot.tendon_names]
-    history = HistoryNodes(hooks.system, forces.law, names)
+    history = HistoryNodes(hooks.system, forces.law, [f"{name}.{t}.history" for t in robot.tendon_names])
     has_mass = max(robot.backbone.density, robot.tip_mass, robot.disks.mass if disks else 0.0) > 0.0
     clamp = Clamp(joint, pose.position, pose.rotation @ BEAM_TO_SECTION) if on_ground else None
-    acting = forces, connectors, history
-    actuation = TendonActuation(name, hooks.system, nodes, *acting, has_mass, clamp)
+    actuation = TendonActuation(name, hooks.system, nodes, forces, connectors, history, has_mass, clamp)
     hooks.add(actuation)
     handle = TDCR(
         mbs=mbs, name=name, robot=robot, model=model, mesh=mesh, nNodes=nodes, oBeams=beams,

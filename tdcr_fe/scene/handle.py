@@ -5,16 +5,15 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
 import exudyn as exu
 import exudyn.itemInterface as eii
-import numpy as np
 
 from tdcr_fe.elements.native.hooks import SceneHooks, round_off
 from tdcr_fe.elements.native.scene_forces import Motor
 from tdcr_fe.model.loading import Model
-from tdcr_fe.model.schema import check_arguments
+from tdcr_fe.model.schema import Keys, Quantity, check_arguments
 from tdcr_fe.scene import contact
 from tdcr_fe.scene.assembled_robot import AssembledRobot
 from tdcr_fe.scene.contact import DiskContact, Sphere
@@ -25,6 +24,8 @@ from tdcr_fe.scene.sensors import SensorMaker
 
 #: Up to this number of coordinates of a scene the linear equations are solved densely.
 DENSE = 200
+_POSITIVE = Annotated[float, Quantity(gt=0.0)]
+_MOTOR, _TIMES = (Keys(dict.fromkeys(x.split(), _POSITIVE)) for x in ("inertia radius", "end_time step_size"))
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
@@ -173,9 +174,7 @@ class TDCR(AssembledRobot):
         number = names.index(tendon)
         if any(motor.tendon == number for motor in self.actuation.motors):
             raise ValueError(f"robot {self.name!r}: tendon {tendon!r} has a motor already")
-        for key, value in {"inertia": inertia, "radius": radius}.items():
-            if not (np.isfinite(value) and value > 0.0):
-                raise ValueError(f"add_motor: {key} = {value}; must be positive and finite")
+        check_arguments("add_motor", _MOTOR, locals())
         if self.mbs.systemIsConsistent:
             raise ValueError(f"robot {self.name!r}: add_motor must be called before mbs.Assemble()")
         node = self.mbs.AddNode(eii.Node1D(name=f"{self.name}.{tendon}.motor", referenceCoordinates=[0.0]))
@@ -346,10 +345,10 @@ class TDCR(AssembledRobot):
         ValueError
             A time that is not positive and finite, or a step longer than the whole.
         """
-        if not (np.isfinite(end_time) and 0.0 < step_size <= end_time):
+        check_arguments("recommended_settings", _TIMES, locals())
+        if step_size > end_time:
             raise ValueError(
-                f"recommended_settings: end_time = {end_time} s, step_size = {step_size} s; must be positive, and the "
-                "step no longer than the whole"
+                f"recommended_settings: step_size = {step_size} s; longer than {end_time} s, the whole"
             )
         settings = exu.SimulationSettings()
         integration = settings.timeIntegration

@@ -14,7 +14,7 @@ from tdcr_fe.elements import Array, Flags
 from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.elements.native.scene_forces import Holes
 from tdcr_fe.elements.section_forces import DIFFERENCE
-from tdcr_fe.model.schema import Keys, Quantity, check_arguments
+from tdcr_fe.model.schema import Keys, Quantity, check_arguments, check_instance
 from tdcr_fe.scene.builder import check_system
 from tdcr_fe.solve.equations.kernel import StaticKernel
 
@@ -168,11 +168,13 @@ def TDCRLinearized(
     ValueError
         The system is not assembled or has no robot, or an argument is another.
     """
+    hint = "a list of numbers of sensors, such as [arm.sensors['tip_position']]"
+    check_instance("TDCRLinearized", "sensors", sensors, (list, tuple), hint)
     hooks = _checked_hooks("TDCRLinearized", mbs, holes)
     mass, stiffness, damping, basis = _matrices(mbs, hooks, holes)
     columns, names = [], []
     for robot in hooks.actuations:
-        forces = np.zeros((len(basis), robot.count))
+        forces = np.zeros((len(basis), robot.law.shape[0]))
         forces[robot.coordinates.reshape(-1)] = robot.forces_by_inputs(holes == "stuck")
         columns.append(forces)
         names += [mbs.GetNode(node)["name"].removesuffix(".history") for node in robot.history_nodes.nodes]

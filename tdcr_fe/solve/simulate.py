@@ -27,7 +27,7 @@ from tdcr_fe.solve.sensitivities.linear_response import local_response
 from tdcr_fe.solve.sensitivities.parameters import Parameter, parameters
 from tdcr_fe.solve.sensitivities.sensitivity import SensitivityHistory
 from tdcr_fe.solve.simulation import Simulation, one_thread, step_warnings
-from tdcr_fe.solve.stability import ExternalCompression, instability_warnings, is_unstable
+from tdcr_fe.solve.stability import ExternalCompression, buckled_under_loads, instability_warnings
 
 #: Messages of a run that solved all steps, and of one that was interrupted.
 CONVERGED, INTERRUPTED = "all steps converged", "interrupted"
@@ -328,7 +328,9 @@ class _Run(MeshedRun):
                 break
             self.solved.append(result)
             examined = request.reference_path is None
-            if report.unstable or (examined and is_unstable(self.simulation, self.compression, result)):
+            if report.unstable or (
+                examined and buckled_under_loads(self.simulation, self.compression, result)
+            ):
                 self.unstable.append(number)
             self.warnings.extend(step_warnings(number, report))
             if estimated and self._enough_estimated(number, report, refine) and refine and self.too_coarse():

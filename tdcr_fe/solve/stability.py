@@ -158,7 +158,7 @@ class ExternalCompression:
         return float(max(compression, 0.0) / self.euler)
 
 
-def is_unstable(simulation: Simulation, compression: ExternalCompression, step: StepResult) -> bool:
+def buckled_under_loads(simulation: Simulation, compression: ExternalCompression, step: StepResult) -> bool:
     """Whether the present state, the end of this step, is an unstable equilibrium under considerable compression.
 
     With friction, what counts is the tangent with the holes' present mobilisation (see `stability`).

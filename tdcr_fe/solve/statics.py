@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, replace
-from typing import Annotated, Any, NamedTuple
+from dataclasses import asdict
+from typing import Annotated, Any
 
 import exudyn as exu
-import numpy as np
 
-from tdcr_fe.elements import Array
-from tdcr_fe.elements.complementarity import ROUND_OFF
-from tdcr_fe.elements.forces import ForceModel
 from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.model.schema import Keys, Quantity, check_arguments, check_instance
@@ -26,8 +22,6 @@ from tdcr_fe.solve.sensitivities.parameters import Parameter
 from tdcr_fe.solve.sensitivities.sensitivity import SensitivityHistory
 from tdcr_fe.solve.simulation import one_thread
 
-#: Key of the last solution in ``mbs.variables``.
-KEY = "tdcr_fe.last_solution"
 _TIME = Annotated[float | None, Quantity(note="in s")]
 #: Arguments of `SolveTDCR` that are checked as they stand.
 ARGUMENTS = Keys({"startTime": _TIME, "endTime": _TIME, "substeps": Annotated[int | None, Quantity(ge=1)]})
@@ -84,7 +78,8 @@ def SolveTDCR(
         An argument is of another type; the message names the expected type.
     ValueError
         The system is not assembled, has no robot, has first-order states, a motor winds a tendon, the base joint of a
-        robot is switched off and nothing else holds it, or holes have slipped in a call without the sensitivities.
+        robot is switched off and nothing else holds it, time would run backwards, or holes have slipped in a call
+        without the sensitivities.
     """
     check_system("SolveTDCR", mbs)
     hint = "SolverSettings, such as SolverSettings(max_substeps=128)"
@@ -92,7 +87,10 @@ def SolveTDCR(
     check_arguments("SolveTDCR", ARGUMENTS, locals())
     start = mbs.systemData.GetTime() if startTime is None else startTime
     end = start if endTime is None else endTime
+    if end < start:
+        raise ValueError(f"SolveTDCR: endTime = {end:g} s; must not be before the start, {start:g} s")
     hooks = SceneHooks.of(mbs)
+    _check_sensitivities(hooks, sensitivities)
     hooks.refuse_motors("SolveTDCR")
     if not all(robot.connected for robot in hooks.actuations):
         raise ValueError(
@@ -106,13 +104,21 @@ def SolveTDCR(
         _refuse_other_presliding(system, settings.presliding)
         paths = _solve(system, settings, start, end, substeps, sensitivities)
         system.bring_to_rest()
-        positions = tuple([Position(path.state, path.linearization, path.end) for path in paths])
-        models = tuple(robot.model for robot in system.robots)
-        mbs.variables[KEY] = LastSolution(positions, _scene(system), models)
         _draw(mbs)
     finally:
         system.connect()
     return asdict(LoadStepReport.of(*paths))
+
+
+def _check_sensitivities(hooks: SceneHooks, sensitivities: Any) -> None:
+    """Refuse what is no list of derivatives of robots of the system, or has missed a slip."""
+    hint = "a list of what track_sensitivities returns"
+    check_instance("SolveTDCR", "sensitivities", sensitivities, (list, tuple), hint)
+    for each in sensitivities:
+        check_instance("SolveTDCR", "an entry of sensitivities", each, SensitivityHistory, hint)
+        if each.handle.actuation not in hooks.actuations:
+            raise ValueError(f"SolveTDCR: robot {each.handle.name!r} of sensitivities is not in the system")
+        each.refuse_others()
 
 
 def _refuse_free_bases(system: SceneSystem, time: float) -> None:
@@ -171,11 +177,12 @@ def _solve(
         or system.hooks.user_function("PreNewtonResidual") is not None
         or (end_time != start_time and _objects_have_functions(system))
     )
-    parts, paths = system.independent(), []
+    paths = []
     with one_thread():
-        for part, begin in zip(parts, recall(system, parts, start_time), strict=True):
-            ramp = Ramp.of(part, begin.state, end_time, before, user_loads)
-            solved = solve_load_step(SubstepSolver(part, ramp, settings), begin, substeps)
+        for part in system.independent():
+            begin = part.with_reactions(part.current_state(start_time))
+            ramp = Ramp.of(part, begin, end_time, before, user_loads)
+            solved = solve_load_step(SubstepSolver(part, ramp, settings), Position(begin), substeps)
             paths.append(solved.path)
             for each in sensitivities:
                 if each.handle.actuation in part.robots:
@@ -211,58 +218,3 @@ def track_sensitivities(arm: TDCR, names: Sequence[str | Parameter]) -> Sensitiv
         There is no derivative by a parameter, or the backbone creeps.
     """
     return SensitivityHistory.of_scene(arm, names)
-
-
-class LastSolution(NamedTuple):
-    """The end of a solved load step, and the scene that it left."""
-
-    positions: tuple[Position, ...]  # By system that was solved by itself
-    scene: tuple[Array, ...]  # Everything that Exudyn keeps of it, see `_scene`
-    models: tuple[ForceModel, ...]  # By robot
-
-
-def recall(system: SceneSystem, parts: Sequence[SceneSystem], time: float) -> list[Position]:
-    """Where the next load step begins: with what the last one found, if nothing in the scene has changed since.
-
-    Parameters
-    ----------
-    system
-        The scene.
-    parts
-        What is solved by itself in it.
-    time
-        At which the load step begins [s].
-    """
-    last: Any = system.mbs.variables.get(KEY)
-    if isinstance(last, LastSolution) and len(last.positions) == len(parts) and _is_as_left(system, last):
-        return [_at_time(position, time) for position in last.positions]
-    return [Position(part.with_reactions(part.current_state(time))) for part in parts]
-
-
-def _at_time(position: Position, time: float) -> Position:
-    """The same at another time [s]."""
-    friction = tuple(replace(each, time=time) for each in position.state.friction)
-    return position._replace(state=position.state._replace(friction=friction, time=time))
-
-
-def _is_as_left(system: SceneSystem, last: LastSolution) -> bool:
-    """Whether a scene of robots alone is as it was left; what else may be in a scene could have changed unseen."""
-    users = any(map(system.hooks.user_function, ("PreNewtonResidual", "SystemJacobian")))
-    if not system.layout.no_others or system.layout.user_loads or users or system.has_contact:
-        return False
-    if [id(robot.model) for robot in system.robots] != [id(model) for model in last.models]:
-        return False
-    return all(
-        len(now) == len(before) and np.allclose(now, before, rtol=ROUND_OFF, atol=ROUND_OFF)
-        for now, before in zip(_scene(system), last.scene, strict=True)
-    )
-
-
-def _scene(system: SceneSystem) -> tuple[Array, ...]:
-    """State and the user's own loads of a scene."""
-    mbs, data = system.mbs, system.mbs.systemData
-    ramped = {int(number) for item in system.point_loads for number in item.numbers}
-    others = {i: mbs.GetLoad(i) for i in range(data.NumberOfLoads()) if i not in ramped}
-    keys = {i: "load" if "load" in load else "loadVector" for i, load in others.items()}
-    loads = [np.atleast_1d(mbs.GetLoadParameter(i, key)) for i, key in keys.items()]
-    return *map(np.array, data.GetSystemState()), np.concatenate((np.zeros(0), *loads))

@@ -102,7 +102,8 @@ def test_the_static_gain_is_what_statics_give(mu, presliding, drive, bent, size)
     for k, step in enumerate(size * np.eye(3)):
         more, less = (solve_scene(mbs, handle, bent + x, **driven)[-1] for x in (step, -step))
         expected = (more - less) / (2.0 * size)
-        assert gain[:, k] == pytest.approx(expected, abs=1e-4 * np.abs(expected).max())
+        near = gain[:, k] == pytest.approx(expected, abs=1e-4 * np.abs(expected).max())
+        assert near if gain[:, k].any() else np.abs(expected).max() < 1e-11  # a slack tendon: round-off
 
 
 def test_a_viscoelastic_rod_without_tendons_has_the_poles_of_a_cantilever():

@@ -115,8 +115,7 @@ def test_copies_of_the_state_have_the_load_that_acted_in_it():
         for kind in (exu.ConfigurationType.Current, exu.ConfigurationType.Initial):
             mbs.systemData.SetSystemState(before, kind)
         assert load.applied == pytest.approx([0.0, 0.01, 0.0, 0.0, 0.0, 0.0])
-    assert report["substeps"] > 1
-    assert distance(*shapes) < 1e-9
+    assert report["substeps"] > 1 and distance(*shapes) < 1e-9
 
 
 def test_a_scene_that_was_changed_is_solved_anew():

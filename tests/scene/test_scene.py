@@ -119,8 +119,7 @@ def test_weight_alone_holds_a_pendulum_that_carries_a_robot():
     elements = robot.backbone.mass_per_length * np.diff(handle.arc_lengths)
     moment = elements @ (x[1:] + x[:-1]) / 2.0 + robot.disks.mass * x[1:].sum()
     of_bar = 0.16 * mbs.GetObjectOutputBody(bar, exu.OutputVariableType.Position)[0]
-    assert abs(moment + of_bar) < 1e-6 * moment
-    assert of_bar < -1e-4
+    assert abs(moment + of_bar) < 1e-6 * moment and of_bar < -1e-4
 
 
 def test_a_force_on_the_second_link_of_an_arm_turns_the_first_one_against_its_spring():
@@ -157,8 +156,7 @@ def test_a_pendulum_that_swings_in_a_dynamic_run_comes_to_rest_below_its_hinge()
     assert mbs.GetObjectOutputBody(bar, exu.OutputVariableType.Position)[0] > 0.06
     mbs.SetLoadParameter(force, "loadVector", [0.0, 0.0, 0.0])
     report = mbs.SolveTDCR()
-    assert not report["snapped"]
-    assert report["iterations_total"] < 30
+    assert not report["snapped"] and report["iterations_total"] < 30
     assert abs(mbs.GetObjectOutputBody(bar, exu.OutputVariableType.Position)[0]) < 1e-7
 
 
@@ -312,9 +310,8 @@ def test_inputs_are_set_and_results_read_by_tendon():
     assert len(states["t1"]) == 7 and states["t1"][-1] == "anchor"
     assert handle.position_at(0.0) == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
     assert handle.position_at(np.array([0.1, LENGTH]))[1] == pytest.approx(handle.tip_position, abs=1e-12)
-    p, r = handle.shape()
-    assert p.shape == (8, 3)
-    assert np.linalg.det(r) == pytest.approx(np.ones(8))
+    assert handle.shape()[0].shape == (8, 3)
+    assert np.linalg.det(handle.shape()[1]) == pytest.approx(np.ones(8))
 
 
 def test_sensors_give_tip_tensions_displacement_and_friction():
@@ -376,5 +373,4 @@ def test_a_window_of_the_renderer_shows_the_solved_state():
     _keep, mbs, handle = scene(single(0.0))
     solve_scene(mbs, handle, [1.0])
     shown = mbs.systemData.GetODE2Coordinates(exu.ConfigurationType.Visualization)
-    assert np.array_equal(shown, mbs.systemData.GetODE2Coordinates())
-    assert np.abs(shown).max() > 0.01
+    assert np.array_equal(shown, mbs.systemData.GetODE2Coordinates()) and np.abs(shown).max() > 0.01

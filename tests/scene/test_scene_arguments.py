@@ -13,19 +13,15 @@ from scipy.spatial.transform import Rotation
 from tdcr_fe import CreateTDCR, SolveTDCR
 
 
-def bent(mbs, handle):
-    """Shape after a pull."""
-    mbs.Assemble()
-    return solve_scene(mbs, handle, [0.5, 0.1, 0.0])
-
-
 def test_gravity_colour_graphics_and_a_dict_are_as_in_exudyns_functions():
-    _keep, mbs, handle = scene(seven(0.0), assemble=False, gravity=tuple(HEAVY), referenceRotationMatrix=TURN)
+    _keep, mbs, handle = scene(seven(0.0), gravity=tuple(HEAVY), referenceRotationMatrix=TURN)
     _keep, other = system()
     brick = graphics.Brick([0.1, 0.2, -0.02], [0.05, 0.05, 0.01])
     given = {"referenceRotationMatrix": TURN, "gravity": HEAVY, "graphicsDataList": [brick]}
     made = CreateTDCR(other, seven(0.0), MODEL, color=[1.0, 0.0, 0.0, 1.0], returnDict=True, **given)
-    assert np.array_equal(bent(mbs, handle), bent(other, made["tdcr"]))
+    other.Assemble()
+    bent = [solve_scene(*each, [0.5, 0.1, 0.0]) for each in ((mbs, handle), (other, made["tdcr"]))]
+    assert np.array_equal(*bent)
     assert made["nodeNumbers"] == made["tdcr"].nNodes and made["diskNumbers"] == made["tdcr"].bDisks
     ground = other.GetObject(other.GetObjectNumber("three.ground"), addGraphicsData=True)
     assert len(ground["VgraphicsData"]) == 2

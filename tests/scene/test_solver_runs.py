@@ -60,8 +60,7 @@ def test_tensions_set_in_a_prestep_function_are_those_of_inputs_over_time():
 
     other.SetPreStepUserFunction(before_step)
     assert other.SolveDynamic(recommended(handle, 0.04, 1e-3))
-    assert distance(handle.shape()[0], expected.shape()[0]) < 1e-12
-    assert len(set(seen)) > 30
+    assert distance(handle.shape()[0], expected.shape()[0]) < 1e-12 and len(set(seen)) > 30
 
 
 # ---------------------------------------------------------------- states
@@ -76,8 +75,7 @@ def test_a_stored_state_restores_tensions_and_holes():
     onwards = solve_scene(mbs, handle, [0.4, 0.8, 0.1])
     assert handle.hole_states() != holes
     mbs.systemData.SetSystemState(stored)
-    assert np.array_equal(handle.shape()[0], shape)
-    assert handle.hole_states() == holes
+    assert np.array_equal(handle.shape()[0], shape) and handle.hole_states() == holes
     for name, before in tensions.items():
         assert handle.tensions()[name] == pytest.approx(before, rel=1e-12)
     SolveTDCR(mbs)

@@ -53,11 +53,9 @@ def by_displacement(end: float | None = 5.0) -> tuple[LoadStep, ...]:
 
 def tightened() -> tuple[LoadStep, ...]:
     """At displacement zero, then one tendon pulled in and the others let out, and back."""
-    return (
-        LoadStep("", displacements={"t1": 0.0, "t2": 0.0, "t3": 0.0}, substeps=2, time=1.0),
-        LoadStep("", displacements={"t1": 2e-3, "t2": -6e-4, "t3": -5e-4}, substeps=2, time=2.0),
-        LoadStep("", displacements={"t1": 1.2e-3, "t2": 2e-4}, substeps=2, time=3.0),
-    )
+    moved = (0.0, 0.0, 0.0), (2e-3, -6e-4, -5e-4), (1.2e-3, 2e-4)
+    given = [dict(zip(("t1", "t2", "t3"), each, strict=False)) for each in moved]
+    return tuple(LoadStep("", displacements=x, substeps=2, time=1.0 + k) for k, x in enumerate(given))
 
 
 def by_motor() -> tuple[LoadStep, ...]:

@@ -145,7 +145,7 @@ class BandLayout:
 
         lines, at_hole = forces.measured.shape.lines, forces.field.hole_slopes
         assert at_hole is not None
-        holes = lines.stiffness(forces.field.tension)
+        holes = lines.stiffness(forces.field.tension, forces.pulls)
         np.add(to.disk, holes.itself, out=to.disk)
         np.add(to.next_disk, holes.after, out=to.next_disk)
         np.add(to.previous_disk, holes.after.swapaxes(1, 2), out=to.previous_disk)

@@ -276,7 +276,7 @@ class SceneSystem:
         raw = self.kernel.residual() if self._lone is None else self._lone.residual(target)
         unbalanced = layout.reduction.residual(raw, state.configuration.frames)
         for nodes, own in zip(layout.space.slices, forces, strict=True):
-            unbalanced[6 * nodes.start : 6 * nodes.stop] += own.nodal_wrenches().reshape(-1)
+            unbalanced[6 * nodes.start : 6 * nodes.stop] += own.nodal_wrenches.reshape(-1)
         return raw, unbalanced
 
     @property

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from math import isfinite
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -143,13 +144,11 @@ def reach(
     target: ArrayLike | TipTarget,
     limits: TensionLimits,
     settings: SolverSettings | None = None,
-    *,
-    drive_by: DriveBy = "tension",
-    effort: EffortKind = "tension",
-    before: Sequence[LoadStep] = (),
-    tolerance: float | None = None,
+    **options: Any,
 ) -> ReachedTarget:
-    """Find the tensions or displacements that take the tip to one target; arguments as those of `follow_path`.
+    """Find the tensions or displacements that take the tip to one target.
+
+    Arguments, and ``drive_by``, ``effort``, ``before`` and ``tolerance``, are as those of `follow_path`.
 
     Returns
     -------
@@ -162,17 +161,7 @@ def reach(
     TypeError, ValueError
         See `follow_path`.
     """
-    found = follow_path(
-        robot,
-        model,
-        tip_targets(target)[:1],
-        limits,
-        settings,
-        drive_by=drive_by,
-        effort=effort,
-        before=before,
-        tolerance=tolerance,
-    )
+    found = follow_path(robot, model, tip_targets(target)[:1], limits, settings, **options)
     if not found.targets:
         raise RuntimeError(found.simulation.message)
     return found.targets[0]

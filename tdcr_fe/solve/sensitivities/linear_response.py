@@ -321,7 +321,7 @@ def response_at(
 ) -> LocalResponse:
     """`local_response` of a robot in a system, by its number; the scene is left in this state."""
     actuation = system.robots[robot]
-    mesh, m = actuation.mesh, actuation.count
+    mesh, m = actuation.mesh, actuation.law.shape[0]
     node = len(mesh.arc_lengths) - 1 if s is None else mesh.node_at(s, 1e-6)
     numbering = system.numbering(by_tension=robot)
     solved = SolvedPoint.of(system, state, state.target, numbering=numbering, all_stick=reversal)

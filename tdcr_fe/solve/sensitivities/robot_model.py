@@ -7,9 +7,8 @@ one robot. The forces are those of `tdcr_fe.solve.equations.system.SceneSystem.r
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
@@ -20,7 +19,7 @@ from tdcr_fe.effects import Experiment
 from tdcr_fe.elements import Array, Flags, Index
 from tdcr_fe.elements.backbone import strain_matrices
 from tdcr_fe.elements.forces import ForceModel, StrainState, TendonForces
-from tdcr_fe.elements.friction import FrictionModel, TendonLaw, TendonParameters
+from tdcr_fe.elements.friction import TendonLaw, TendonParameters
 from tdcr_fe.elements.hysteresis import FrictionState, Hysteresis
 from tdcr_fe.elements.section_forces import SectionForces
 from tdcr_fe.elements.tendons import CableGeometry, CableShape
@@ -122,50 +121,29 @@ class Values(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TendonStack:
-    """Tendons of several models of one robot, those that differ evaluated as if they were so many tendons."""
+    """Tendons of several models of one robot, evaluated as if they were so many tendons."""
 
-    rows: Index  # (S, m): By model, which of those that differ each tendon is
-    chosen: Index  # (Q,): Of those that differ, one of the tendons of all models that is it
-    # Of the tendons that differ, where one has friction with its mobilisations: of those with constant coefficients of
-    # friction, which take a fraction of the time, and of the others
-    laws: tuple[TendonLaw, ...]
-    geometry: CableGeometry | None  # Of the tendons that differ; None where they follow the backbone
+    size: int  # Number S of models
+    law: TendonLaw  # Of all tendons, with friction where one of the models has it
+    geometry: CableGeometry | None  # None where they follow the backbone
     sections: tuple[SectionForces | None, ...]
 
     @classmethod
     def of(cls, models: Sequence[ForceModel]) -> TendonStack:
         """The tendons of models with the same numbers of tendons and holes."""
-        order = np.argsort([m.law.varies for m in models], kind="stable")
-        own = [models[k] for k in order]
-        geometries = [m.geometry for m in own if m.geometry is not None]
-        mobilised = next((m.law.law for m in models if m.law.law.active), models[0].law.law)
-        tendons = dict[tuple[Any, ...], int]()
-        every = (key for number, model in enumerate(own) for key in _tendon_keys(model, number))
-        rows = np.array([tendons.setdefault(key, len(tendons)) for key in every], dtype=int)
-        first, laws, begin = np.unique(rows, return_index=True)[1], [], 0
-        for _, part in itertools.groupby((m.law for m in own), lambda law: law.varies):
-            group = list(part)
-            end = begin + sum(law.shape[0] for law in group)
-            laws.append(_joined_law(group, mobilised, first[(first >= begin) & (first < end)] - begin))
-            begin = end
-        by_model = rows.reshape(len(models), -1)[np.argsort(order)]
-        chosen, geometry = np.unique(by_model, return_index=True)[1], None
-        if geometries:
+        laws, geometry = [m.law for m in models], None
+        if geometries := [m.geometry for m in models if m.geometry is not None]:
             tables = ("nominal", "mask", "clearance")
-            joined = (np.concatenate([getattr(g, name) for g in geometries])[first] for name in tables)
-            geometry = CableGeometry(*joined)
-        return cls(by_model, chosen, tuple(laws), geometry, tuple(m.section for m in own))
+            geometry = CableGeometry(*(np.concatenate([getattr(g, x) for g in geometries]) for x in tables))
+        return cls(len(models), _joined_law(laws), geometry, tuple(m.section for m in models))
 
     @classmethod
     def with_offsets(cls, model: ForceModel, offsets: Array) -> TendonStack:
         """One model with other places of the tendons in the frames of the disks [m], shape (S, m, n+1, 3)."""
         size, own = len(offsets), model.geometry
         assert own is not None
-        mask = np.tile(own.mask, (size, 1))
-        geometry = CableGeometry(offsets.reshape(-1, *offsets.shape[2:]), mask)
-        every = np.arange(len(geometry.mask))
-        law = _joined_law([model.law] * size, model.law.law, every)
-        return cls(every.reshape(size, -1), every, (law,), geometry, ())
+        geometry = CableGeometry(offsets.reshape(-1, *offsets.shape[2:]), np.tile(own.mask, (size, 1)))
+        return cls(size, _joined_law([model.law] * size), geometry, ())
 
     def at(self, point: RobotPoint, rates: Array, nodes: Index) -> Values:
         """Forces in a state.
@@ -179,24 +157,18 @@ class TendonStack:
         nodes
             With holes, see `tdcr_fe.elements.forces.ForceModel.cable_nodes`; empty where tendons follow the backbone.
         """
-        size, m = self.rows.shape
-        shape, which = self._shape(point, nodes), self.chosen % m
-        mobilisation, base = point.mobilisation[which], point.base_tension[which]
-        rates = rates.reshape(size * m, rates.shape[2])[self.chosen]
-        fields, first = [], 0
-        for law in self.laws:
-            own = slice(first, first + law.shape[0])
-            # No time passes, so that the rates are those given.
-            state = FrictionState(np.zeros_like(rates[own]), mobilisation[own], rates[own])
-            part = CableShape(shape.lengths[own], shape.angles[own])
-            fields.append(law.field(base[own], part, mobilisation[own], state, state.time))
-            first = own.stop
-        tension = np.concatenate([field.tension for field in fields])
-        released = np.concatenate([field.released_length for field in fields])
+        size, m, shape = self.size, len(point.base_tension), self._shape(point, nodes)
+        mobilisation, base = np.tile(point.mobilisation, (size, 1)), np.tile(point.base_tension, size)
+        rates = rates.reshape(size * m, rates.shape[2])
+        # No time passes, so that the rates are those given.
+        state = FrictionState(np.zeros_like(rates), mobilisation, rates)
+        field = self.law.field(base, shape, mobilisation, state, state.time)
+        tension, released = (x.reshape(size, m, x.shape[1]) for x in (field.tension, field.released_length))
         wrenches = np.zeros((size, 0, 6))
         if self.geometry is not None:
-            wrenches = shape.lines.wrenches_of_each(tension)[self.rows].sum(axis=1)
-        return Values(wrenches, tension[self.rows], released[self.rows])
+            each = shape.lines.wrenches_of_each(field.tension)
+            wrenches = each.reshape(len(each), size, m, 6).sum(axis=2).swapaxes(0, 1)
+        return Values(wrenches, tension, released)
 
     def _shape(self, point: RobotPoint, nodes: Index) -> CableShape:
         if self.geometry is not None:
@@ -214,27 +186,13 @@ class TendonStack:
 _TABLES = tuple(f.name for f in fields(TendonParameters) if f.name != "laws")
 
 
-def _tendon_keys(model: ForceModel, number: int) -> Iterator[tuple[Any, ...]]:
-    """By tendon of one of several models, what is equal where it has the same tension and length as that of another."""
-    geometry, parameters = model.geometry, model.law.parameters
-    tables = [getattr(parameters, name) for name in _TABLES]
-    if geometry is not None:
-        tables += [geometry.nominal, geometry.clearance]
-    alone = geometry is None or model.law.varies
-    for i in range(len(parameters.mask)):
-        yield i, number if alone else -1, model.law.law.active, *(table[i].tobytes() for table in tables)
-
-
-def _joined_law(laws: Sequence[TendonLaw], mobilised: FrictionModel, which: Index) -> TendonLaw:
-    """The laws of some tendons of all models as that of one with some mobilisations.
-
-    Tendons of models without friction have none.
-    """
+def _joined_law(laws: Sequence[TendonLaw]) -> TendonLaw:
+    """The laws of several models as that of all their tendons; tendons of models without friction have none."""
+    mobilised = next((law.law for law in laws if law.law.active), laws[0].law)
     parameters = [x.parameters if x.law.active else _without_friction(x.parameters) for x in laws]
-    joined = {name: np.concatenate([getattr(p, name) for p in parameters])[which] for name in _TABLES}
-    of_coefficients = [x for p in parameters for x in p.laws]
-    chosen = tuple(of_coefficients[i] for i in which)
-    return TendonLaw(TendonParameters(**joined, laws=chosen), mobilised, laws[0].hysteresis)
+    joined = {name: np.concatenate([getattr(p, name) for p in parameters]) for name in _TABLES}
+    of_coefficients = tuple(x for p in parameters for x in p.laws)
+    return TendonLaw(TendonParameters(**joined, laws=of_coefficients), mobilised, laws[0].hysteresis)
 
 
 def _without_friction(parameters: TendonParameters) -> TendonParameters:
@@ -365,7 +323,7 @@ class ExplicitDerivatives:
         self._creeps = any(m.experiment.robot.backbone.creep_rate != 0.0 for m in models)
         self._weight = np.stack([m.weight for m in models], axis=1)
         self._tendons = TendonStack.of([m.forces for m in models])
-        self.law = self._tendons.laws[0].law
+        self.law = self._tendons.law.law
         self.arc_lengths = self._derivative(np.stack([m.forces.mesh.arc_lengths for m in models]))
 
     def _derivative(self, values: Array) -> Array:
@@ -405,9 +363,8 @@ class ExplicitDerivatives:
 
     def released_unloaded(self) -> Array:
         """Derivatives of the released lengths in the unloaded shape without tension, shape (m, n, P)."""
-        tendons = self._tendons
-        released = np.concatenate([law.released_unloaded() for law in tendons.laws])
-        return self._derivative(released[tendons.rows])
+        released = self._tendons.law.released_unloaded()
+        return self._derivative(released.reshape(len(self._models), *self.present.forces.law.shape))
 
     def at(
         self,
@@ -433,11 +390,6 @@ class ExplicitDerivatives:
             Derivatives of history and times.
         """
         begin, end = times
-        if len(self._owner) == 1:  # inputs alone, as in inverse statics
-            count = self._weights.shape[0]
-            still = np.zeros((*own.field.tension.shape, count))
-            none = Values(np.zeros((len(point.positions), 6, count)), still, still)
-            return with_rates(none, own, rate, inherited)
         by_parameter = np.append(inherited.time, 0.0)
         rates = np.broadcast_to(rate, (len(self._owner), *rate.shape))
         if end <= begin and rate.shape == inherited.slip_rate.shape[:2]:

@@ -21,6 +21,7 @@ from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.model.loading import Load, LoadStep
 from tdcr_fe.model.results import Sensitivities, Sensitivity
+from tdcr_fe.model.schema import check_instance
 from tdcr_fe.scene.base import BasePose
 from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.scene.mesh import elements_of_bays
@@ -137,6 +138,8 @@ class SensitivityHistory:
     @classmethod
     def of_scene(cls, arm: TDCR, names: Sequence[str | Parameter]) -> SensitivityHistory:
         """Derivatives of a robot in a scene; see `tdcr_fe.solve.statics.track_sensitivities`."""
+        hint = "a robot, as CreateTDCR returns it"
+        check_instance("track_sensitivities", "arm", arm, TDCR, hint)
         if arm.compliance_factor != 1.0 or arm.robot.backbone.creep_rate != 0.0:
             raise ValueError(f"robot {arm.name!r}: no sensitivities of a backbone that creeps in a scene")
         if arm.robot.springs and arm.actuation.clamp is None:
@@ -176,6 +179,16 @@ class SensitivityHistory:
 
     # ------------------------------------------------------------------ along the path
 
+    def refuse_others(self) -> None:
+        """Refuse a scene in which holes have slipped since the last load step."""
+        robot, law = self.handle.actuation, self.handle.actuation.law
+        if self.inputs.restarts.all() or not law.law.active:
+            return
+        passed = np.abs(robot.friction_without_stretch().slip - self.carried.slip)
+        if passed.max(initial=0.0) > law.hysteresis.presliding:
+            text = "holes slipped in a SolveTDCR without these sensitivities"
+            raise ValueError(f"robot {self.handle.name!r}: {text}")
+
     def advance(self, step: SolvedLoadStep) -> None:
         """Differentiate one solved load step. The scene is left at its end."""
         solver, before = step.solver, step.before
@@ -183,10 +196,6 @@ class SensitivityHistory:
         robot = system.robots.index(self.handle.actuation)
         goal = self.inputs.at(len(self.steps), self.handle.actuation.drives.scale)
         carried, goes_on = self.carried, (~self.inputs.restarts).astype(float)
-        law, name = self.handle.actuation.law, self.handle.name
-        passed = np.abs(before.friction[robot].slip - carried.slip) if law.law.active else np.zeros(0)
-        if goes_on.any() and passed.max(initial=0.0) > law.hysteresis.presliding:
-            raise ValueError(f"robot {name!r}: holes slipped in a SolveTDCR without these sensitivities")
         begin = Derivative(*(x * goes_on for x in vars(carried.derivative).values()))
         histories = tuple([Disturbance(*(y * goes_on for y in x)) for x in carried.histories])
         carried = carried._replace(derivative=begin, histories=histories)
