@@ -145,7 +145,7 @@ class RunDerivatives:
         return replace(self, **tables, arc_lengths=self.arc_lengths[:, list(which)], names=names)
 
     def times(self, matrices: Array) -> RunDerivatives:
-        """By combinations of the parameters, another one in every step, shape (n_steps, P, q)."""
+        """By combinations of the parameters, the same or another one in every step, shape (n_steps or 1, P, q)."""
         tables = {n: np.einsum("k...p,kpq->k...q", getattr(self, n), matrices) for n in _BY_STEP}
         count = matrices.shape[2]
         none = np.zeros((len(self.arc_lengths), count))
