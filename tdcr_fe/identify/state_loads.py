@@ -529,10 +529,8 @@ def with_memory(size: float, length: float, largest: float, settling: _Settling 
     step, price = TYPICAL * size, math.log(10.0)
     moment = number("moment", "N m", (-FARTHEST * step, FARTHEST * step), 0.0, step)
     within = number("within", "1/m", (0.0, 10.0 / length), 0.0, 0.01 / length)
-    kind, held = (
-        Kind("stiffness", ("direction of loading",)),
-        {"within": [x / length for x in (0.03, 0.1, 0.3)]},
-    )
+    kind = Kind("stiffness", ("direction of loading",))
+    held = {"within": [x / length for x in (0.03, 0.1, 0.3)]}
     text = "a moment of dry friction within the backbone, along the last change of its curvature"
     yield LawLoad("dry friction in bending", kind, (moment, within), _held_back, text, price, held)
     if not largest > 0.0:
@@ -549,11 +547,8 @@ def with_memory(size: float, length: float, largest: float, settling: _Settling 
     numbers, kind = (replace(share, lower=-most), last), Kind("stiffness", (clock.kind,))
     for declared in ("of a fast load", "at rest"):
         acts = partial(_relaxed, clock=clock, at_rest=declared == "at rest")
-        name, text = (
-            f"relaxation, stiffness {declared}",
-            "a backbone that relaxes; its declared stiffness is that",
-        )
-        yield LawLoad(name, kind, numbers, acts, f"{text} {declared}", price, spans)
+        text = f"a backbone that relaxes; its declared stiffness is that {declared}"
+        yield LawLoad(f"relaxation, stiffness {declared}", kind, numbers, acts, text, price, spans)
 
 
 def _held_back(state: BayState, values: Values) -> Array:
