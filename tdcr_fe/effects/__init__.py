@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from tdcr_fe.effects import actuation, by_tendon, material, observation, places
+from tdcr_fe.effects import actuation, by_tendon, observation, places, robot
 from tdcr_fe.effects.base import Effect as Effect
 from tdcr_fe.effects.base import ExcitationRange as ExcitationRange
 from tdcr_fe.effects.base import Experiment as Experiment
@@ -22,21 +22,21 @@ EFFECTS: tuple[Effect, ...] = (
     actuation.ActuatorBacklash(),
     actuation.ActuatorLoss(),
     actuation.IdleTension(),
-    material.Gravity(),
-    material.TipPayload(),
-    material.ModulusScale(),
-    material.DensityScale(),
-    material.StiffnessScale(),
-    material.SuperelasticBackbone(),
-    material.NonlinearBackbone(),
-    material.Precurvature(),
-    material.BaseCompliance(),
-    material.RigidDisks(),
-    material.Creep(),
+    robot.Gravity(),
+    robot.TipPayload(),
+    robot.ModulusScale(),
+    robot.DensityScale(),
+    robot.StiffnessScale(),
+    robot.SuperelasticBackbone(),
+    robot.NonlinearBackbone(),
+    robot.Precurvature(),
+    robot.BaseCompliance(),
+    robot.RigidDisks(),
+    robot.Creep(),
     by_tendon.HoleFriction(),
     by_tendon.HoleAdhesion(),
-    material.RoutingTwist(),
-    material.MisplacedChannels(),
+    robot.RoutingTwist(),
+    robot.MisplacedChannels(),
     by_tendon.HoleClearance(),
     by_tendon.TendonStretch(),
     by_tendon.Pretension(),

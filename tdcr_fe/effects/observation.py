@@ -105,7 +105,6 @@ class MarkerOffset(Effect):
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`; offsets come on top of those that are there."""
         before = experiment.observation
-        x, y = before.offset
         single = before.single
         numbers = range(1, len(before.markers) + 1)
         if any(values.get(f"offset_{a}_marker_{k}", 0.0) != 0.0 for k in numbers for a in AXES):
@@ -114,13 +113,8 @@ class MarkerOffset(Effect):
                 _triple(np.array(offset) + [values.get(f"offset_{a}_marker_{k}", 0.0) for a in AXES])
                 for k, offset in zip(numbers, known, strict=True)
             )
-        observation = replace(
-            before,
-            offset=(x + values.get("offset_x", 0.0), y + values.get("offset_y", 0.0)),
-            along=before.along + values.get("offset_z", 0.0),
-            single=single,
-        )
-        return replace(experiment, observation=observation)
+        offset = _triple(np.array(before.offset) + [values.get(f"offset_{a}", 0.0) for a in AXES])
+        return replace(experiment, observation=replace(before, offset=offset, single=single))
 
 
 def _triple(values: np.ndarray) -> tuple[float, float, float]:

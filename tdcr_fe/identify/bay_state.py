@@ -130,9 +130,8 @@ def with_action(experiment: Experiment, action: Action) -> Experiment:
 
 def _wrenches(action: Action) -> Array:
     """Forces and moments at the ends of the bays, shape (K, n_bays, 6)."""
-    couple = action.moments
-    couple[:, :-1] -= couple[:, 1:]
-    return np.concatenate((action.values[..., FORCE], couple), axis=-1)
+    values = action.values.reshape(len(action.values), -1, 1)
+    return (loads_of_action(action.rotation) @ values).reshape(action.values.shape)
 
 
 def loads_of(experiment: Experiment, action: Action) -> dict[str, Array]:

@@ -165,6 +165,24 @@ class StateLoad(BesideDescription):
         """What acts, shape (K, n_bays, 6)."""
         return self.added(values, (*state.shape, COMPONENTS), state)
 
+    def settling(self, clock: Callable[[BayState], Array], last: Parameter, held: Held) -> LawLoad:
+        """The load that grows from the first row on, ever more slowly: with ``1 - exp(-t / span)``.
+
+        Parameters
+        ----------
+        clock
+            From the state to the time, or the number of the row, of every load step, shape (K, 1, 1).
+        last, held
+            See `settling_span`.
+        """
+
+        def acts(state: BayState, values: Values) -> Array:
+            passed = clock(state) - clock(state)[0]
+            return self.action(state, values) * (1.0 - np.exp(-passed / values["span"]))
+
+        name, sentence = f"{self.name}, settling", f"{self.sentence}, which settles"
+        return LawLoad(name, self.kind, (*self.parameters, last), acts, sentence, self.price, held)
+
     def by_value(self, state: BayState, values: Values, name: str) -> Array:
         """Derivative of the action by a parameter, shape (K, n_bays, 6)."""
         h = 1e-7 * max(abs(values[name]), *(p.scale for p in self.parameters if p.name == name))
@@ -186,31 +204,14 @@ class StateLoad(BesideDescription):
         return found
 
 
-class SettlingLoad(StateLoad):
-    """A load that grows from the first row on, ever more slowly: with ``1 - exp(-t / span)``.
+class LawLoad(StateLoad):
+    """A load that is no sum of terms: it acts by a function of the state and of all its values."""
 
-    Parameters
-    ----------
-    load
-        What acts in the end.
-    clock
-        From the state to the time, or the number of the row, of every load step, shape (K, 1).
-    last, held
-        See `settling_span`.
-    """
-
-    def __init__(
-        self, load: StateLoad, clock: Callable[[BayState], Array], last: Parameter, held: Held
-    ) -> None:
-        name, sentence = f"{load.name}, settling", f"{load.sentence}, which settles"
-        super().__init__(name, load.kind, (*load.parameters, last), load.acts, sentence, load.price, held)
-        self.load, self.clock = load, clock
+    acts: Callable[[BayState, Values], Array]  # type: ignore[assignment]
 
     def action(self, state: BayState, values: Values) -> Array:
         """See `StateLoad.action`."""
-        clock = self.clock(state)[..., None]
-        share = 1.0 - np.exp(-(clock - clock[0]) / values["span"])
-        return np.asarray(self.load.action(state, values) * share)
+        return np.asarray(self.acts(state, values))
 
 
 class PointForce(StateLoad):
@@ -252,37 +253,21 @@ class PointForce(StateLoad):
 
     def force(self, moved: Array, values: Values) -> Array:
         """On the point of the backbone where that has moved so far [N], shape (K, 3) both."""
-        apart, distance = self._apart(moved, values)
+        apart = np.array([values[a] for a in ("x", "y", "z")]) - np.array([0.0, 0.0, self.at]) - moved
+        distance = np.sqrt(np.sum(apart**2, axis=1) + (1e-3 * self.reach) ** 2)  # never quite zero
         return np.asarray((self.pull(distance, values) / distance)[:, None] * apart)
 
-    def stiffness(self, moved: Array, values: Values) -> Array:
-        """Derivative of the force by what the point has moved [N/m], shape (K, 3, 3)."""
-        apart, distance = self._apart(moved, values)
-        h = 1e-6 * self.reach
-        here, above, below = (self.pull(x, values) / x for x in (distance, distance + h, distance - h))
-        along = (above - below) / (2.0 * h) / distance
-        radial = along[:, None, None] * apart[:, :, None] * apart[:, None]
-        return np.asarray(-here[:, None, None] * np.eye(3) - radial)
-
-    def _apart(self, moved: Array, values: Values) -> tuple[Array, Array]:
-        """The way from the point of the backbone to the fixed one, shape (K, 3), and its length, never quite zero."""
-        apart = np.array([values[a] for a in ("x", "y", "z")]) - np.array([0.0, 0.0, self.at]) - moved
-        return apart, np.sqrt(np.sum(apart**2, axis=1) + (1e-3 * self.reach) ** 2)
-
     def by_values(self, moved: Array, values: Values) -> Array:
-        """Derivatives of the force by all parameters, shape (K, 3, P)."""
-        here, h = self.force(moved, values), 1e-6 * self.reach
-        by_law = [self.force(moved, {**values, "k": 1.0})]
-        for p in self.parameters[4:]:
-            by_law.append((self.force(moved, {**values, p.name: values[p.name] + h}) - here) / h)
-        return np.concatenate((-self.stiffness(moved, values), np.stack(by_law, axis=-1)), axis=-1)
+        """Derivatives of the force by all parameters, shape (K, 3, P).
 
-    def by_value(self, state: BayState, values: Values, name: str) -> Array:
-        """See `StateLoad.by_value`."""
-        found = np.zeros((*state.shape, COMPONENTS))
-        number = [p.name for p in self.parameters].index(name)
-        found[:, self.bay, FORCE] = self.by_values(state.moved[:, self.bay], values)[..., number]
-        return found
+        The first three are those by the fixed point, and with the other sign by what that of the backbone has moved.
+        """
+        found = []
+        for p in self.parameters:
+            h = 1e-6 * p.scale
+            sides = (self.force(moved, {**values, p.name: values[p.name] + x}) for x in (h, -h))
+            found.append(np.subtract(*sides) / (2.0 * h))
+        return np.stack(found, axis=-1)
 
     def unidentifiable_at_null(self, experiment: Experiment) -> tuple[str, ...]:
         """All but the strength."""

@@ -128,21 +128,21 @@ def reduced_chi_square(problem: FitProblem, fit: Fit) -> float:
     return max(1.0, fit.cost / max(1, int(np.count_nonzero(problem.fitted)) - len(fit.free)))
 
 
-def effective_noise(problem: FitProblem, fit: Fit, significance: float) -> float:
+def effective_noise(problem: FitProblem, fit: Fit) -> float:
     """Unit of a difference of BIC when models are compared: reduced chi-square, inflated by autocorrelation.
 
     Where the residual is noise, the reduced chi-square. Elsewhere that of all readings times (1 + rho) / (1 - rho)
     with the lag-1 autocorrelation rho over the steps (at most 0.9): neighbouring steps with the same error are not
     independent evidence.
     """
-    if residual_is_noise(problem, fit, significance):
+    if residual_is_noise(problem, fit):
         return reduced_chi_square(problem, fit)
     misfit = (fit.cost + fit.held_cost) / max(1, problem.count - len(fit.free))
     rho = float(np.clip(noise.lag1_autocorrelation(problem.data, fit.residual), 0.0, 0.9))
     return max(1.0, misfit) * (1.0 + rho) / (1.0 - rho)
 
 
-def residual_is_noise(problem: FitProblem, fit: Fit, significance: float) -> bool:
+def residual_is_noise(problem: FitProblem, fit: Fit) -> bool:
     """Whether a model leaves noise, on fitted and on held-out readings, in size and in structure."""
     if not fit.solved:
         return False
@@ -151,15 +151,15 @@ def residual_is_noise(problem: FitProblem, fit: Fit, significance: float) -> boo
         return False
     if np.any(held_out) and noise.chi_square_z_score(r[held_out]) > NOISE_REACHES:
         return False
-    return noise.is_noise(noise.structure(problem.data, r, len(fit.free)), significance)
+    return noise.is_noise(noise.structure(problem.data, r, len(fit.free)))
 
 
-def chi_square_threshold(parameters: int, significance: float) -> float:
+def chi_square_threshold(parameters: int) -> float:
     """Fall of the sum of squares that so many parameters reach by chance, with Bonferroni's correction over effects."""
-    return float(chdtri(max(1, parameters), significance / len(EFFECTS)))
+    return float(chdtri(max(1, parameters), noise.SIGNIFICANCE / len(EFFECTS)))
 
 
-def is_improvement(problem: FitProblem, new: Fit, old: Fit, significance: float) -> bool:
+def is_improvement(problem: FitProblem, new: Fit, old: Fit) -> bool:
     """Whether a larger model improves the criteria enough, on the fitted and on the held-out readings.
 
     Where the two models predict nearly the same held-out readings, these cannot decide: the fitted ones then do, if the
@@ -169,7 +169,7 @@ def is_improvement(problem: FitProblem, new: Fit, old: Fit, significance: float)
         return False
     level = reduced_chi_square(problem, new)
     extra = len(new.free) - len(old.free)
-    if old.cost - new.cost <= chi_square_threshold(extra, significance) * level:
+    if old.cost - new.cost <= chi_square_threshold(extra) * level:
         return False
     if not np.any(problem.held_out):
         return True
@@ -178,7 +178,7 @@ def is_improvement(problem: FitProblem, new: Fit, old: Fit, significance: float)
         return True
     # If the larger model is right, the drop to be expected is the sum of squares of what they differ by.
     difference = (new.residual - old.residual)[problem.held_out]
-    mostly = new.cost < HALVED * old.cost or residual_is_noise(problem, new, significance)
+    mostly = new.cost < HALVED * old.cost or residual_is_noise(problem, new)
     return float(difference @ difference) < needed and mostly
 
 

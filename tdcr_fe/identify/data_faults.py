@@ -217,7 +217,7 @@ def wrong_sigma(problem: FitProblem, best: Fit) -> str:
     return f"{seen}, with no pattern along the steps: {why}"
 
 
-def gross_errors(problem: FitProblem, best: Fit, significance: float) -> str:
+def gross_errors(problem: FitProblem, best: Fit) -> str:
     """Whether a few readings alone contradict the best model, as a sentence; empty where they do not.
 
     A marker is left out in a step with all its readings where one is an outlier; what is left has to be noise. Half of
@@ -233,7 +233,7 @@ def gross_errors(problem: FitProblem, best: Fit, significance: float) -> str:
         return ""
     kept = np.array([at not in wrong for at in where])
     rest = replace(data, readings=tuple(itertools.compress(data.readings, kept)))
-    if not is_noise(structure(rest, r[kept], len(best.free)), significance):
+    if not is_noise(structure(rest, r[kept], len(best.free))):
         return ""
     steps = sorted({step for step, _ in wrong})
     if len(steps) < len(wrong) == len({at for at in where if at[0] in steps}):

@@ -157,6 +157,10 @@ def _loads(effects: Sequence[Effect]) -> list[StateLoad]:
     return [e for e in effects if isinstance(e, StateLoad)]
 
 
+#: How parameters are named that changes of the inputs add up from.
+_INPUTS = "inputs "
+
+
 class _Part:
     """One model: what is simulated for it, and what follows."""
 
@@ -170,6 +174,7 @@ class _Part:
         self.beside: dict[int, Experiment] = {}
         self.along_history: dict[int, bay_state.Action] = {}  # what columns of loads act with
         tables: dict[int, ModelParameter | StepInputs] = {}
+        inputs: dict[int, Array] = {}  # changes of the inputs by columns, shape (n_steps, n_tendons)
         for number, column in enumerate(request.columns):
             if isinstance(column.effect, BesideDescription):
                 if request.history and request.state is not None and isinstance(column.effect, StateLoad):
@@ -179,7 +184,7 @@ class _Part:
                 self.differenced[number] = "it declares no exact derivatives"
                 continue
             if isinstance(column.effect, ChangedInputs) and column.effect.name not in self.values:
-                tables[number] = self._of_inputs(number)
+                inputs[number] = self._of_inputs(number)
                 continue
             parameter = self._tabulated(number)
             table = parameter.apply
@@ -193,9 +198,15 @@ class _Part:
                 self.observed[number] = table
             if any(replace(e, observation=here) != self.experiment for e in neighbours):
                 tables[number] = parameter
+        # changes of the inputs that add up to those by the columns, which are many more
+        rows = np.array(list(inputs.values())).reshape(len(inputs), self._no_inputs.size)
+        _, size, changes = np.linalg.svd(rows, full_matrices=False)
+        changes = changes[size > 1e-12 * np.max(size, initial=0.0)]
+        parts = [StepInputs(f"{_INPUTS}{j}", x.reshape(self._no_inputs.shape)) for j, x in enumerate(changes)]
         self.exact = {table.name: number for number, table in tables.items()}
+        self.of_inputs, self.shares = list(inputs), changes @ rows.T
         acting = () if action is None else bay_state.action_inputs(self.experiment)
-        job = Job(self.experiment, request.trajectories, request.record, (*tables.values(), *acting))
+        job = Job(self.experiment, request.trajectories, request.record, (*tables.values(), *parts, *acting))
         self.job = job._replace(states=action is not None, curvatures=problem.readings.of_curvature)
 
     def _acted(self, experiment: Experiment) -> Experiment:
@@ -233,12 +244,16 @@ class _Part:
         """Loading sequences, and their inputs."""
         return [(part, Commands.of(part)) for part in self.experiment.sequences]
 
-    def _of_inputs(self, number: int) -> StepInputs:
-        """A column's parameter, of a cause beside the model that changes inputs, which no neighbours have to show."""
+    def _of_inputs(self, number: int) -> Array:
+        """How a column changes the inputs, of a cause beside the model, which no neighbours have to show."""
         e, name, values, _ = self.request.columns[number]
         assert isinstance(e, ChangedInputs)
-        change = [e.by_number(part, commands, values, name) for part, commands in self._commands]
-        return StepInputs(f"{number} {e.name}.{name}", np.concatenate(change))
+        return np.concatenate([e.by_number(part, own, values, name) for part, own in self._commands])
+
+    @property
+    def _no_inputs(self) -> Array:
+        """Inputs of all steps, zero."""
+        return np.zeros((len(self.experiment.steps), len(self.experiment.robot.tendons)))
 
     def _of_load(self, number: int, state: bay_state.BayState) -> StepInputs:
         """A column's parameter, of a load that depends on a state."""
@@ -246,8 +261,8 @@ class _Part:
         assert isinstance(e, StateLoad)
         change = bay_state.Action(e.by_value(state, values, name), state.rotation)
         self.along_history[number] = change
-        none = np.zeros((len(self.experiment.steps), len(self.experiment.robot.tendons)))
-        return StepInputs(f"{number} {e.name}.{name}", none, bay_state.loads_of(self.experiment, change))
+        loads = bay_state.loads_of(self.experiment, change)
+        return StepInputs(f"{number} {e.name}.{name}", self._no_inputs, loads)
 
     def _moved(self, number: int, coordinate: float) -> Experiment:
         """The experiment with the parameter of a column at a coordinate.
@@ -290,7 +305,7 @@ class _Part:
         if self.action is None or by is None or not by.names:
             return run, 0.0
         assert run.bays is not None
-        named = [j for j, name in enumerate(by.names) if name not in self.exact]
+        named = [j for j, n in enumerate(by.names) if n not in self.exact and not n.startswith(_INPUTS)]
         actions = by.part(named).times(bay_state.loads_of_action(run.bays.rotation))
         rows = self._of(run, actions)
         moved = bay_state.state_change(run, actions)
@@ -335,11 +350,14 @@ class _Part:
         matrix = np.zeros((residual.size, len(self.request.columns)))
         if by is not None and by.names:
             exact = [j for j, name in enumerate(by.names) if name in self.exact]
-            numbers = [self.exact[by.names[j]] for j in exact]
-            if exact:
-                matrix[:, numbers] = self._of(run, by.part(exact))
+            inputs = [j for j, name in enumerate(by.names) if name.startswith(_INPUTS)]
+            both = by.part(exact), by.part(inputs).times(self.shares[None])
+            numbers = [self.exact[by.names[j]] for j in exact] + self.of_inputs
+            if numbers:
+                matrix[:, numbers] = np.hstack([self._of(run, part) for part in both if part.names])
             if run.acted is not None:
-                self._add_loads(matrix, run, numbers, bay_state.state_change(run, by.part(exact)))
+                moved = [bay_state.state_change(run, part) for part in both]
+                self._add_loads(matrix, run, numbers, np.concatenate(moved, axis=-1))
         for number, table in self.observed.items():
             values = {k: read(e) for k, e in table.experiments.items()}
             change = _difference(values, read(self.experiment), table.step)

@@ -31,7 +31,8 @@ from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.friction import ForceDependentFriction, FrictionCoefficient, StribeckFriction
 from tdcr_fe.model.loading import Load
 from tdcr_fe.model.robot import Robot, Tendon, TightHole
-from tdcr_fe.model.routing import MisplacedRouting, PointsRouting
+from tdcr_fe.model.routing import PointsRouting
+from tdcr_fe.solve.sensitivities.parameters import with_arc_lengths
 
 if TYPE_CHECKING:
     from tdcr_fe.identify.problem import FitProblem
@@ -65,6 +66,7 @@ def unnamed(problem: FitProblem, state: BayState) -> list[Cause]:
         found += _routings(problem)
         for k in range(len(robot.disks.positions)):
             found += _of_disk(robot, k)
+    found += _lengths(robot)
     return [*found, *state_loads(problem, state, clock_of(problem.data))]
 
 
@@ -234,7 +236,7 @@ def _friction_laws(problem: FitProblem, state: BayState) -> Iterator[Cause]:
             return ForceDependentFriction(mu, force, values["exponent"], 0.1 * force)
 
         exponent = number("exponent", "1", (-1.0, 1.0), 0.0, 0.1)
-        yield _friction_law("normal force", "tension", (friction, exponent), by_force)
+        yield _friction_law("normal force", "tension", (friction, exponent), by_force, {})
     pulled = np.einsum("b,kbi,bti->kt", lengths, curvature, state.lever)
     pauses = np.diff(state.time, prepend=np.nan)
     pauses[state.begins | ~(pauses > 0.0)] = np.nan
@@ -256,7 +258,7 @@ def _friction_laws(problem: FitProblem, state: BayState) -> Iterator[Cause]:
 _Law = Callable[[float, Values], FrictionCoefficient]
 
 
-def _friction_law(what: str, depends: str, numbers: Numbers, law: _Law, held: Held = Cause.held) -> Cause:
+def _friction_law(what: str, depends: str, numbers: Numbers, law: _Law, held: Held) -> Cause:
     """A law of the coefficient at all holes of all tendons, from the constant one of each."""
 
     def changed(experiment: Experiment, values: Values) -> Experiment:
@@ -319,17 +321,27 @@ def _loads_and_base(problem: FitProblem) -> Iterator[Cause]:
 # ----------------------------------------------------------------------------------------------------- tendons
 
 
-def _with_holes(experiment: Experiment, values: Values, names: Sequence[str], disks: slice) -> Experiment:
+#: Where holes are that are elsewhere to another extent at the base plate and at the end of their tendon.
+_ENDS = "base", "end"
+
+
+def _with_holes(
+    experiment: Experiment, values: Values, names: Sequence[str], disks: slice = slice(None)
+) -> Experiment:
     """With the holes of tendons in some disks elsewhere, the first of which is the base plate."""
     tendons, robot = [], experiment.robot
-    factor, angle = values.get("factor", 1.0), values.get("angle", 0.0)
-    c, d = factor * math.cos(angle), factor * math.sin(angle)
+
+    def along(name: str, null: float, s: Array) -> Array:
+        both = [values.get(f"{name}_{end}", values.get(name, null)) for end in _ENDS]
+        return np.asarray(np.interp(s, s[[0, -1]], both))
+
     for t in robot.tendons:
         if t.name in names:
-            holes = robot.holes(t).copy()
-            holes[disks] = holes[disks] @ [[c, d], [-d, c]] + (values.get("x", 0.0), values.get("y", 0.0))
-            at = tuple(map(float, robot.hole_arc_lengths(t)))
-            t = replace(t, routing=PointsRouting(at, tuple((float(x), float(y)) for x, y in holes)))
+            s, holes = robot.hole_arc_lengths(t), robot.holes(t) @ [1.0, 1.0j]
+            turned = holes * along("factor", 1.0, s) * np.exp(1.0j * along("angle", 0.0, s))
+            holes[disks] = turned[disks] + complex(values.get("x", 0.0), values.get("y", 0.0))
+            points = zip(holes.real.tolist(), holes.imag.tolist(), strict=True)
+            t = replace(t, routing=PointsRouting(tuple(s.tolist()), tuple(points)))
         tendons.append(t)
     return experiment.with_robot(tendons=tuple(tendons))
 
@@ -345,26 +357,16 @@ def _routings(problem: FitProblem) -> Iterator[Cause]:
 
     Or of all tendons: at another distance, or off the centre.
     """
-    ends = "base", "end"
+    robot = problem.experiment.robot
     numbers = number("factor", "1", (0.3, 3.0), 1.0, 0.02), number("angle", "rad", (-1.5, 1.5), 0.0, 0.02)
-    along = _at(numbers, ends, "at the ")
-    for name in problem.experiment.robot.tendon_names:
-
-        def moved(experiment: Experiment, values: Values, name: str = name) -> Experiment:
-            if "angle" in values:
-                values = {f"{n}_{end}": x for n, x in values.items() for end in ends}
-            tendons = list(experiment.robot.tendons)
-            i = experiment.robot.tendon_names.index(name)
-            tendons[i] = replace(tendons[i], routing=MisplacedRouting(tendons[i].routing, **values))
-            return experiment.with_robot(tendons=tuple(tendons))
-
-        text = f"the holes of tendon {name} are elsewhere, at another angle or distance"
+    along = _at(numbers, _ENDS, "at the ")
+    for name in robot.tendon_names:
+        one, text = partial(_with_holes, names=(name,)), f"the holes of tendon {name} are elsewhere"
         for suffix, depends, own in (("", "nothing", numbers), (" along the backbone", "place", along)):
             kind = Kind("routing", (depends,), f"tendon {name}")
-            yield ChangedDescription(f"routing of {name}{suffix}", kind, own, moved, text)
-    robot = problem.experiment.robot
+            yield ChangedDescription(f"routing of {name}{suffix}", kind, own, one, text)
     if len(robot.tendons) > 1:
-        every = partial(_with_holes, names=robot.tendon_names, disks=slice(None))
+        every = partial(_with_holes, names=robot.tendon_names)
         kind = Kind("routing", ("nothing",))
         for label, own, where in (
             ("radius of all holes", numbers[:1], "at another distance"),
@@ -384,9 +386,8 @@ def _of_disk(robot: Robot, k: int) -> Iterator[Cause]:
     through = [t.name for t in robot.tendons if s <= robot.end(t) + ARC_TOLERANCE]
 
     def slipped(experiment: Experiment, values: Values) -> Experiment:
-        positions = list(experiment.robot.disks.positions)
-        positions[k] += values["along"]
-        return replace(experiment, robot=experiment.robot.with_disks(positions=tuple(positions)))
+        here = experiment.robot.disks.positions[k]
+        return _moved_along(experiment, lambda x: x + values["along"] * (abs(x - here) < ARC_TOLERANCE))
 
     def cause(name: str, numbers: Numbers, change: Change, text: str, choices: int = 1) -> Cause:
         kind, price = Kind("routing", ("place",), where), math.log(choices * count)
@@ -399,13 +400,41 @@ def _of_disk(robot: Robot, k: int) -> Iterator[Cause]:
         all_holes = partial(moved, names=through)
         yield cause("disk turned", (turn,), all_holes, "a disk is turned about the backbone")
         yield cause("disk off its centre", plane, all_holes, "a disk is off its centre")
-    if not any(t.end for t in robot.tendons) and k < count - 1:
+    if k < count - 1:
         room = 0.9 * float(min(edges[k + 1] - edges[k], edges[k + 2] - edges[k + 1]))
         # of second order: no small step shows it
         along = (number("along", "m", (-room, room), 0.0, 0.5 * room),)
         slip = cause("disk slipped", along, slipped, "a disk has slipped along the backbone")
         slip.exact_derivatives = False  # the mesh changes
         yield slip
+
+
+def _moved_along(experiment: Experiment, new: Callable[[float], float]) -> Experiment:
+    """With all arc lengths elsewhere, also those of markers."""
+    seen = experiment.observation
+    markers = tuple(map(new, seen.markers))
+    seen = replace(seen, markers=markers, declared=seen.declared or seen.markers)
+    return replace(with_arc_lengths(experiment, new), observation=seen)
+
+
+def _lengths(robot: Robot) -> Iterator[Cause]:
+    """A backbone of another length than declared, in all bays or in one; markers are where their disks are."""
+    edges, factor = robot.bay_edges, number("factor", "1", (0.5, 2.0), 1.0, 0.01)
+    bays = len(edges) - 1
+
+    def stretched(experiment: Experiment, values: Values, ends: tuple[int, int]) -> Experiment:
+        start, end = experiment.robot.bay_edges[list(ends)].tolist()
+        more = values["factor"] - 1.0
+        return _moved_along(experiment, lambda s: s + more * (min(max(s, start), end) - start))
+
+    text = "the backbone is longer, or shorter, than declared, with all its bays"
+    acts = partial(stretched, ends=(0, bays))
+    yield ChangedDescription("length", Kind("length", ("nothing",)), (factor,), acts, text)
+    text = "a bay is longer, or shorter, than declared"
+    for ends in itertools.pairwise(range(bays + 1)):
+        where = "s = {:.4g} to {:.4g} m".format(*edges[list(ends)])
+        kind, acts = Kind("length", ("nothing",), f"from {where}"), partial(stretched, ends=ends)
+        yield ChangedDescription(f"length ({where})", kind, (factor,), acts, text, math.log(bays))
 
 
 # ---------------------------------------------------------------------------------------------------- readings
@@ -453,20 +482,30 @@ def _readings(problem: FitProblem) -> Iterator[ReadingCause]:
 
 
 def _sensors(problem: FitProblem) -> Iterator[ReadingCause]:
-    """Sensors other than markers that read too much by a factor or by a constant: all of a kind, or one."""
+    """Sensors other than markers that read too much by a factor, a constant or a drift: all of a kind, or one."""
+    clock = clock_of(problem.data)
     of_each: dict[str, list[Reading]] = {}
     for r in problem.data.readings:
         for name in _sensor_names(r):
             of_each.setdefault(name, []).append(r)
+
+    def drifting(problem: FitProblem, run: Run) -> Array:
+        return progress_along(problem.data.steps)[problem.readings.step]
+
     for name, own in of_each.items():
         size = max(1e-300, *(abs(r.value) for r in own))
         scale = number("scale", "1", (-0.5, 0.5), 0.0, 0.01)
         zero = number("offset", own[0].channel.unit, (-size, size), 0.0, 0.02 * size)
-        for p, power, by in ((scale, 1, "factor"), (zero, 0, "constant")):
-            kind, shape = Kind("reading", ("nothing",), name), partial(_of_sensor, name=name, power=power)
-            label, price = f"{p.name} of the readings of {name}", math.log(len(of_each))
+        drift, price = replace(zero, name="drift", meaning="drift"), math.log(len(of_each))
+        for p, by, depends, change in (
+            (scale, "factor", "nothing", lambda problem, run: _predicted(problem, run)[0]),
+            (zero, "constant", "nothing", lambda problem, run: np.ones(problem.count)),
+            (drift, "drift", clock, drifting),
+        ):
+            kind, shape = Kind("reading", (depends,), name), partial(_of_sensor, name=name, change=change)
             text = f"{name} is read too large or too small by a {by}"
-            yield ReadingCause(label, kind, (p,), (shape,), text, price)
+            if depends:
+                yield ReadingCause(f"{p.name} of the readings of {name}", kind, (p,), (shape,), text, price)
 
 
 def _sensor_names(r: Reading) -> tuple[str, ...]:
@@ -477,10 +516,10 @@ def _sensor_names(r: Reading) -> tuple[str, ...]:
     return (r.channel.family, f"{r.quantity} at {at}") if at else (r.channel.family,)
 
 
-def _of_sensor(problem: FitProblem, run: Run, name: str, power: int) -> Array:
-    """Predicted readings of one sensor or of all of a kind, or one at each, shape (n,)."""
+def _of_sensor(problem: FitProblem, run: Run, name: str, change: Callable[[FitProblem, Run], Array]) -> Array:
+    """A change of the readings of one sensor or of all of a kind, shape (n,)."""
     own = np.array([name in _sensor_names(r) for r in problem.data.readings])
-    return np.where(own, _predicted(problem, run)[0] ** power, 0.0)
+    return np.where(own, change(problem, run), 0.0)
 
 
 def _camera(length: float) -> Iterator[ReadingCause]:

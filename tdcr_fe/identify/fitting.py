@@ -251,7 +251,7 @@ def finish(problem: FitProblem, now: Fit, race: Race) -> Fitting:
     """
     if not now.stuck:
         now = yield from descend(problem, now, race)
-    if now.pruned or now.distance_from_path < NEAR_PATH:
+    if now.pruned or float(np.sqrt(np.mean((now.residual - now.path_residual) ** 2))) < NEAR_PATH:
         return now
     try:
         return (yield from evaluated(problem, now.effects, now.values, now.free))

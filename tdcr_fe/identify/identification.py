@@ -31,8 +31,8 @@ from tdcr_fe.io.user_effects import check_on
 from tdcr_fe.model.messages import issue, warnings_to
 from tdcr_fe.model.schema import check_instance
 
-#: Tolerance of the loading path as a fraction of the noise of a position (a third of it is left), and its limit.
-PATH_SHARE, LOOSEST = 0.6, 3e-4
+#: Tolerance of the loading path as a fraction of the noise of a position (a third of it is left), and its limits.
+PATH_SHARE, TIGHTEST, LOOSEST = 0.6, 5e-5, 3e-4
 
 
 class NotSolved(Exception):
@@ -162,9 +162,9 @@ def _with_next(search: Search, state: SearchState) -> SearchState:
 def prepare(data: MeasuredData, settings: IdentifySettings, forward: ForwardModel) -> Prepared:
     """The problem with sigma known and steps held out; and that of the search, with mesh and path fine enough."""
     patterns = settings.hold_out_branches
-    held = held_out_branches(data, patterns) if patterns else choose_held_out(data, settings.hold_out)
+    held = held_out_branches(data, patterns) if patterns else choose_held_out(data)
     held_out = np.isin(read_rows(data), held)
-    problem = FitProblem.of(data, np.ones(len(data.readings)), held_out, forward, settings.path_tolerance)
+    problem = FitProblem.of(data, np.ones(len(data.readings)), held_out, forward, TIGHTEST)
     problem = replace(problem, catalogue=(*EFFECTS, *settings.own_effects))
     residual = np.full(problem.count, np.nan)
     if any(r.sigma is None for r in data.readings):
@@ -174,7 +174,7 @@ def prepare(data: MeasuredData, settings: IdentifySettings, forward: ForwardMode
     is_position = problem.readings.is_position
     if np.any(is_position):
         share = PATH_SHARE * float(np.median(sigma[is_position])) / data.robot.backbone.length
-        problem = replace(problem, path_tolerance=float(np.clip(share, problem.path_tolerance, LOOSEST)))
+        problem = replace(problem, path_tolerance=float(np.clip(share, TIGHTEST, LOOSEST)))
     rows, searched, frictional = choose_rows(data, held), problem, None
     if rows is not None:
         searched = problem_of_rows(problem, rows)
@@ -182,7 +182,7 @@ def prepare(data: MeasuredData, settings: IdentifySettings, forward: ForwardMode
             frictional = searched
             rows = choose_rows(data, held, history=False) or rows
             searched = without_friction(problem_of_rows(problem, rows))
-    run = searched.simulated((), {})
+    run = evaluate(searched, (), {}).run
     if run.solved:
         searched, run = refine(searched, (), {}, run)
     return Prepared(problem, searched, run, rows, frictional)
@@ -296,7 +296,7 @@ def _with_other_models(search: Search, searched: SearchState, state: SearchState
     for part in (effects[:i] for i in range(1, len(effects))):
         known = searched.fits.get(frozenset(e.name for e in part), searched.best)
         fits.append(fitting.evaluated(problem, part, _within(problem, part, known.values), ()))
-    for other in as_good(search, searched) if search.explained(state) else ():
+    for other in as_good(searched) if search.explained(state) else ():
         start = _within(problem, other.effects, other.values)
         fits.append(fitting.begin(problem, other.effects, start, state.best))
     try:

@@ -151,7 +151,7 @@ class _Inputs(NamedTuple):
         for name, depends, shape, text in (law for law in laws if law[1]):
             is_gain = name.startswith("gain")
             size, unit = (1.0, "1") if is_gain else (most, self.unit)
-            last, held = ((span,), spans) if name.endswith("settles") else ((), Cause.held)
+            last, held = ((span,), spans) if name.endswith("settles") else ((), {})
             one = number("all", unit, (-0.9 * size, 3.0 * size), 0.0, 0.01 * size)
             each = tuple(replace(one, name=n) for n in self.names)
             forms: dict[str, tuple[Parameter, ...]] = {"all": (one,)} if is_gain else {}

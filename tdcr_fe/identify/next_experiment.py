@@ -58,7 +58,7 @@ def choose_next(search: Search, state: SearchState) -> NextExperiment | None:
     if search.out_of_time:
         raise OutOfTime
     search.report("the next experiment", 0.96)
-    models = [_Model(f, covariance(problem, f)) for f in (best, *leading_rivals(search, state))]
+    models = [_Model(f, covariance(problem, f)) for f in (best, *leading_rivals(state))]
     judge = _parting if len(models) > 1 else _shrinking
     planned = [_planned(problem, steps) for steps in candidate_sequences(problem)]
     rough = judge(models, [p.rough for p in planned])
@@ -68,10 +68,10 @@ def choose_next(search: Search, state: SearchState) -> NextExperiment | None:
     return None
 
 
-def leading_rivals(search: Search, state: SearchState) -> list[Fit]:
+def leading_rivals(state: SearchState) -> list[Fit]:
     """Fitted models of other effects that explain the data about as well as the best one, the best first."""
     mine = set(state.best.names)
-    near = [f for f in as_good(search, state) if f.effects and _described(f)]
+    near = [f for f in as_good(state) if f.effects and _described(f)]
     return [f for f in near if not (mine <= set(f.names) or set(f.names) <= mine)][:MOST]
 
 

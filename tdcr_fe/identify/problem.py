@@ -105,11 +105,6 @@ class FitProblem:
         """Simulate jobs; see `ForwardModel.run`."""
         return self.forward.run(jobs, self.path_tolerance, self.deadline)
 
-    def simulated(self, effects: Sequence[Effect], values: Point) -> Run:
-        """The run of a model, with its path."""
-        (run,) = self.run([Job(self.with_effects(effects, values), record=True)])
-        return run
-
     def residual(self, experiment: Experiment, run: Run) -> Array:
         """Reading less prediction over sigma, shape (n,)."""
         predicted = self.readings.read(run, experiment)
@@ -280,15 +275,11 @@ class Fit:
         """Whether every reading is predicted."""
         return bool(np.isfinite(self.cost + self.held_cost))
 
-    @property
-    def distance_from_path(self) -> float:
-        """How far the predictions are from the run that has chosen the substeps, rms over sigma; NaN if not solved."""
-        return float(np.sqrt(np.mean((self.residual - self.path_residual) ** 2)))
-
 
 def evaluate(problem: FitProblem, effects: Sequence[Effect], values: Point) -> Fit:
     """A model at given values, nothing fitted."""
-    return fit_of_run(problem, effects, values, problem.simulated(effects, values))
+    (run,) = problem.run([Job(problem.with_effects(effects, values), record=True)])
+    return fit_of_run(problem, effects, values, run)
 
 
 def fit_of_run(problem: FitProblem, effects: Sequence[Effect], values: Point, run: Run) -> Fit:

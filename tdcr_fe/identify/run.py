@@ -57,7 +57,8 @@ class Trajectory:
     def on_mesh(self, s: Array) -> Trajectory:
         """The same path on another mesh: the same increments, with the twist of the backbone divided otherwise.
 
-        Two runs on it differ by the error of the mesh alone, since both take the same substeps.
+        Two runs on it differ by the error of the mesh alone, since both take the same substeps. A backbone of another
+        length has the same twist in the same share of it.
 
         Parameters
         ----------
@@ -66,7 +67,8 @@ class Trajectory:
         """
         if np.array_equal(self.s, s):
             return self
-        moved = [[replace(x, state=x.state.on_mesh(self.s, s)) for x in part] for part in self.waypoints]
+        own = self.s * (s[-1] / self.s[-1])
+        moved = [[replace(x, state=x.state.on_mesh(own, s)) for x in part] for part in self.waypoints]
         return replace(self, waypoints=moved, s=s)
 
 
@@ -145,7 +147,7 @@ class RunDerivatives:
         return replace(self, **tables, arc_lengths=self.arc_lengths[:, list(which)], names=names)
 
     def times(self, matrices: Array) -> RunDerivatives:
-        """By combinations of the parameters, another one in every step, shape (n_steps, P, q)."""
+        """By combinations of the parameters, the same or another one in every step, shape (n_steps or 1, P, q)."""
         tables = {n: np.einsum("k...p,kpq->k...q", getattr(self, n), matrices) for n in _BY_STEP}
         count = matrices.shape[2]
         none = np.zeros((len(self.arc_lengths), count))

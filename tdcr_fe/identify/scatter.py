@@ -27,7 +27,7 @@ from tdcr_fe.identify.bay_state import (
     with_action,
 )
 from tdcr_fe.identify.forward import Job
-from tdcr_fe.identify.noise import SIGNIFICANCE, chi_square_z_score
+from tdcr_fe.identify.noise import REPORTED, chi_square_z_score
 from tdcr_fe.identify.problem import NOISE_REACHES, Fit, FitProblem, Point
 from tdcr_fe.identify.result import Scatter
 from tdcr_fe.identify.run import Run, Trajectories
@@ -153,7 +153,7 @@ def _most_likely(problem: FitProblem, fit: Fit, found: Sequence[_Likeliest]) -> 
     def is_possible(x: _Likeliest) -> bool:
         return x.source.what != "inputs" or x.size <= LARGEST * (1.0 if x.source.unit == "1" else largest)
 
-    likely = [x for x in found if x.gain >= 0.5 * chdtri(1, SIGNIFICANCE) and is_possible(x)]
+    likely = [x for x in found if x.gain >= 0.5 * chdtri(1, REPORTED) and is_possible(x)]
     if not likely:
         return None
     scatter = _scatter(problem, fit.residual, max(likely, key=lambda x: x.gain))
@@ -271,7 +271,7 @@ def _likeliest(problem: FitProblem, fit: Fit, source: _Source, inputs: Array) ->
     else:
         followed = _mostly_follow(values, active, inputs)
     rare = _are_rare(blocks, ratio)
-    beyond = tuple(b.step for b in blocks if b.along @ b.along > noise * chdtri(b.active.size, SIGNIFICANCE))
+    beyond = tuple(b.step for b in blocks if b.along @ b.along > noise * chdtri(b.active.size, REPORTED))
     return _Likeliest(source, gain, size, values, left, followed, rare, beyond)
 
 
@@ -315,7 +315,7 @@ def _depends(rows: Array, goal: Array) -> bool:
         return True
     left = float(np.sum((goal - rows @ np.linalg.lstsq(rows, goal, rcond=None)[0]) ** 2))
     ratio = (float(goal @ goal) - left) / rank / max(left / spare, 1e-300)
-    return bool(fdtrc(rank, spare, ratio) < SIGNIFICANCE)
+    return bool(fdtrc(rank, spare, ratio) < REPORTED)
 
 
 def _are_rare(blocks: Sequence[_Block], ratio: float) -> bool:

@@ -341,9 +341,10 @@ def _towards_point(space: _Space, cause: PointForce, run: Run, follows: bool = T
         for _ in range(3 if follows else 1):
             moved = before + (response @ force)[..., 0]
             missing = cause.force(moved, values)[..., None] - force
-            matrix = np.eye(3) - cause.stiffness(moved, values) @ response
+            by = cause.by_values(moved, values)
+            matrix = np.eye(3) + by[..., :3] @ response
             force = force + np.linalg.solve(matrix, missing)
-        by_values = np.linalg.solve(matrix, cause.by_values(moved, values))
+        by_values = np.linalg.solve(matrix, by)
         largest = float(np.max(np.linalg.norm(force, axis=1)))
         return _Pulled((by_force @ force[steps])[:, 0, 0], (by_force @ by_values[steps])[:, 0], largest)
 

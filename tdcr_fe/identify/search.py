@@ -81,7 +81,7 @@ def search_causes(search: Search, state: SearchState) -> SearchState:
             state = in_time(search, state, exchange, Part.EXCHANGES)
         if state.best is grown or state.scatter:
             break
-    return with_rivals(search, state)
+    return with_rivals(state)
 
 
 # -------------------------------------------------------------------------------------------------- candidates
@@ -147,7 +147,7 @@ class Proposal(NamedTuple):
 
 
 def worth_fitting(
-    search: Search, problem: FitProblem, parent: Fit, scores: Sequence[Score], reference: Fit | None = None
+    problem: FitProblem, parent: Fit, scores: Sequence[Score], reference: Fit | None = None
 ) -> list[Proposal]:
     """Candidates beside a model that promise more than chance and leave degrees of freedom, the most promising first.
 
@@ -158,7 +158,7 @@ def worth_fitting(
     noise, found = max(1.0, FIRST_ORDER * criteria.reduced_chi_square(problem, parent)), []
     fitted = int(np.count_nonzero(problem.fitted))
     for x in scores:
-        needed = noise * criteria.chi_square_threshold(x.count, search.settings.significance)
+        needed = noise * criteria.chi_square_threshold(x.count)
         if x.count < fitted - len(parent.free) and x.drop > needed:
             cost = max(parent.cost - x.drop, fitted + FIRST_ORDER * parent.cost)
             criterion = cost + own_price(problem, x) + criteria.price_of(problem, parent)
@@ -180,8 +180,8 @@ def singles(search: Search, state: SearchState, parent: Fit, costly: bool = Fals
     left = parent.cost - max((x.drop for x in found), default=0.0)
     if not costly and left > FAR * np.count_nonzero(state.problem.fitted):
         found = _roughly_fitted(state.problem, parent, found)
-    proposals = worth_fitting(search, state.problem, parent, found, reference)
-    if not costly and len(parent.effects) != 1 and not search.is_noise(state.problem, parent):
+    proposals = worth_fitting(state.problem, parent, found, reference)
+    if not costly and len(parent.effects) != 1 and not criteria.residual_is_noise(state.problem, parent):
         state, strong = at_full_strength(search, state, parent)
         done = frozenset(parent.names), at_full_strength.__name__
         state, proposals = replace(state, extended=state.extended | {done}), proposals + strong
@@ -292,13 +292,13 @@ def fit_proposals(
                     if not race.in_reach(one.cost, fitting.distance(problem, one.fit.residual, predicted)):
                         state = state.with_fit(replace(one.fit, pruned=True))
                         continue
-                if left > 0 or (ahead is None and not _accepted(search, state, fits())):
+                if left > 0 or (ahead is None and not _accepted(state, fits())):
                     left -= 1
                     together.append(_fitted(problem, one.fit, predicted, race))
             for new in fitting.run_fits(problem, together):
                 state = state.with_fit(new)
                 better = ahead is None or criteria.rank(problem, new) < criteria.rank(problem, ahead)
-                ahead = new if better and search.is_noise(problem, new) else ahead
+                ahead = new if better and criteria.residual_is_noise(problem, new) else ahead
     return state, fits()
 
 
@@ -468,7 +468,7 @@ def other_forms(state: SearchState) -> list[tuple[Effect, ...]]:
     return found
 
 
-def _in_best_forms(search: Search, state: SearchState) -> SearchState:
+def _in_best_forms(state: SearchState) -> SearchState:
     """The best model with its causes in the forms that the data support.
 
     Or that of listed effects, where these forms make it the better one: a coefficient of each tendon explained as much
@@ -480,7 +480,7 @@ def _in_best_forms(search: Search, state: SearchState) -> SearchState:
             at = replace(state, best=model)
             at, found = refitted(at, other_forms(at))
             state, fits = replace(at, best=best), fits + found
-        ranks = [(criteria.rank(state.problem, f), f) for f in fits if _admissible(search, state, f)]
+        ranks = [(criteria.rank(state.problem, f), f) for f in fits if _admissible(state, f)]
         lowest, new = min(ranks, key=lambda x: x[0], default=(math.inf, state.best))
         if not lowest < criteria.rank(state.problem, state.best):
             return state
@@ -521,7 +521,7 @@ def grow(search: Search, state: SearchState) -> SearchState:
         # Several causes that leave more than noise may stand for others.
         anew = (names, exchange.__name__) not in state.extended and state.log.rows is None
         if anew and len(state.best.effects) > 1 and not search.explained(state):
-            state = exchange(search, state, progress, costly=False)
+            state = exchange(search, state, progress)
             if state.best is not before:
                 continue
         if not tries:
@@ -540,7 +540,7 @@ def grow(search: Search, state: SearchState) -> SearchState:
                 search.report(f"fitting {' + '.join(x.score.effect.name for x in new[:5])}", progress)
             ahead = state.best if search.explained(state) else None
             state, fits = fit_proposals(search, state, new, ahead)
-            better = _accepted(search, state, fits)
+            better = _accepted(state, fits)
             if better:
                 state = search.keep(replace(state, best=better[0]))
             if better and (search.explained(state) or not more):
@@ -614,9 +614,9 @@ def _hidden(search: Search, state: SearchState) -> list[_Try]:
     return [(stage, fit) for (names, fit), stage in each if (names, stage.__name__) not in state.extended]
 
 
-def _admissible(search: Search, state: SearchState, fit: Fit) -> bool:
+def _admissible(state: SearchState, fit: Fit) -> bool:
     """Whether a model with causes improves on those that it contains."""
-    return criteria.is_improvement(state.problem, fit, parent_of(state, fit), search.settings.significance)
+    return criteria.is_improvement(state.problem, fit, parent_of(state, fit))
 
 
 def _entry(state: SearchState, number: int, proposal: Proposal) -> Candidate:
@@ -639,11 +639,11 @@ def _mean_costs(problem: FitProblem, fit: Fit) -> tuple[float, float]:
     return fit.cost / max(1, count), fit.held_cost / max(1, problem.count - count)
 
 
-def _accepted(search: Search, state: SearchState, fits: Sequence[Fit]) -> list[Fit]:
+def _accepted(state: SearchState, fits: Sequence[Fit]) -> list[Fit]:
     """Models that improve on those that they contain and on the best one, the best first."""
     problem = state.problem
     limit = criteria.rank(problem, state.best) - criteria.BIC_DIFFERENCE
-    found = [f for f in fits if _admissible(search, state, f) and criteria.rank(problem, f) < limit]
+    found = [f for f in fits if _admissible(state, f) and criteria.rank(problem, f) < limit]
     return sorted((f for f in found if _worthwhile(state, f)), key=lambda f: criteria.rank(problem, f))
 
 
@@ -676,7 +676,7 @@ def pairs(search: Search, state: SearchState, parent: Fit) -> _Proposed:
             (base,) = fitting.run_fits(problem, [fitting.evaluated(problem, effects, point, free, parent)])
             if base.solved:
                 own, _ = screen(problem, base, shown)
-                found += worth_fitting(search, problem, base, own)
+                found += worth_fitting(problem, base, own)
     return state, found
 
 
@@ -717,7 +717,7 @@ def at_full_strength(search: Search, state: SearchState, parent: Fit) -> _Propos
             there, nothing = fitting.linear_optimum(problem, new), np.zeros((problem.count, 0))
             begin = partial(Start, there.values, there.residual)
             scores.append(Score(e, parent.cost - there.cost, nothing, begin))
-    found = worth_fitting(search, problem, parent, scores)
+    found = worth_fitting(problem, parent, scores)
     # those that were fitted from small values begin anew
     kept = {k: f for k, f in state.fits.items() if k not in {x.names for x in found}}
     return replace(state, fits=kept), found
@@ -725,13 +725,13 @@ def at_full_strength(search: Search, state: SearchState, parent: Fit) -> _Propos
 
 def backward_selection(search: Search, state: SearchState) -> SearchState:
     """Give causes the form that the data support, and drop those that the others make unnecessary."""
-    state = search.keep(_in_best_forms(search, state))
+    state = search.keep(_in_best_forms(state))
     while len(state.best.effects) > 1:
         problem, best = state.problem, state.best
         parts = [tuple(x for x in best.effects if x is not e) for e in best.effects]
         state, smaller = refitted(state, parts)
         without = zip(best.effects, smaller, strict=True)
-        unnecessary = [(e, f) for e, f in without if f.solved and not _falls_behind(search, problem, f, best)]
+        unnecessary = [(e, f) for e, f in without if f.solved and not _falls_behind(problem, f, best)]
         if not unnecessary:
             break
         e, best = min(unnecessary, key=lambda p: criteria.bic(problem, p[1]))
@@ -739,28 +739,27 @@ def backward_selection(search: Search, state: SearchState) -> SearchState:
     return state
 
 
-def _falls_behind(search: Search, problem: FitProblem, smaller: Fit, best: Fit) -> bool:
+def _falls_behind(problem: FitProblem, smaller: Fit, best: Fit) -> bool:
     """Whether the best model is better than one without a cause by all criteria."""
-    improves = criteria.is_improvement(problem, best, smaller, search.settings.significance)
+    improves = criteria.is_improvement(problem, best, smaller)
     return improves and criteria.bic(problem, smaller) > criteria.bic(problem, best)
 
 
-def exchange(search: Search, state: SearchState, progress: float = 0.75, costly: bool = True) -> SearchState:
+def exchange(search: Search, state: SearchState, progress: float = 0.75) -> SearchState:
     """Exchange every cause, and every two, of the best model for one other; the best of all is taken.
 
     What a cause explains is the difference of the models with and without it. Which others may explain it follows from
-    their columns beside the best model. ``costly``: see `scores_beside`; never where the model leaves noise. After a
-    first time, those are tried that were not then.
+    their columns beside the best model.
     """
     best, problem = state.best, state.problem
     done = frozenset(best.names), exchange.__name__
-    again, state = done in state.extended, replace(state, extended=state.extended | {done})
-    fits: list[Fit] = []
+    if done in state.extended:
+        return state
+    state, fits = replace(state, extended=state.extended | {done}), list[Fit]()
     every = [gone for n in (1, 2) for gone in itertools.combinations(best.effects, n)]
     left = [tuple(e for e in best.effects if e not in gone) for gone in every]
     if every and search.out_of_time:
         return state.without_trying(Part.EXCHANGES)
-    costly = costly and not search.is_noise(problem, best)
     state, bases = refitted(state, left[: len(best.effects)])
     for gone, rest in zip(every, left, strict=True):
         if search.out_of_time:
@@ -776,15 +775,14 @@ def exchange(search: Search, state: SearchState, progress: float = 0.75, costly:
             (base,) = fitting.run_fits(problem, [fitting.evaluated(problem, rest, values, free, best)])
         if not base.solved:
             continue
-        state, scores, reference = scores_beside(state, best, costly=costly)
+        state, scores, reference = scores_beside(state, best)
         problem, names = state.problem, {e.listed for e in (*gone, *rest)}
         others = [x for x in scores if x.signature.size and x.effect.listed not in names]
-        others = [x for x in others if _takes_a_run(x.effect) or not again]
-        near = worth_fitting(search, problem, base, rescored(problem, base, others, reference.run))
+        near = worth_fitting(problem, base, rescored(problem, base, others, reference.run))
         state, more = fit_proposals(search, state, near, best)
         fits += more
     limit = criteria.rank(problem, best)
-    better = [f for f in fits if criteria.rank(problem, f) < limit and _admissible(search, state, f)]
+    better = [f for f in fits if criteria.rank(problem, f) < limit and _admissible(state, f)]
     if better:
         new = min(better, key=lambda f: criteria.rank(problem, f))
         text = f"{new.title} in place of {best.title}: it explains more"
@@ -793,10 +791,10 @@ def exchange(search: Search, state: SearchState, progress: float = 0.75, costly:
     return state
 
 
-def with_rivals(search: Search, state: SearchState) -> SearchState:
+def with_rivals(state: SearchState) -> SearchState:
     """Name causes of other models that explain as much, each beside the cause that it replaces."""
     rivals, mine = dict[str, tuple[str, ...]](), set(state.best.names)
-    for other in as_good(search, state):
+    for other in as_good(state):
         theirs = set(other.names)
         if len(theirs - mine) != 1 or criteria.at_bound(state.problem, other):
             continue

@@ -48,13 +48,9 @@ class Search:
         """Whether the time of the search is over."""
         return clock() > self.deadline
 
-    def is_noise(self, problem: FitProblem, fit: Fit) -> bool:
-        """Whether a model leaves nothing but noise."""
-        return criteria.residual_is_noise(problem, fit, self.settings.significance)
-
     def explained(self, state: SearchState) -> bool:
         """Whether the best model leaves nothing but noise."""
-        return self.is_noise(state.problem, state.best)
+        return criteria.residual_is_noise(state.problem, state.best)
 
 
 @dataclass(frozen=True)
@@ -209,16 +205,16 @@ def _shifted(problem: FitProblem, fit: Fit, shift: Array) -> Fit:
     return replace(problem.with_residual(fit, fit.residual + shift), path_residual=fit.path_residual + shift)
 
 
-def as_good(search: Search, state: SearchState) -> list[Fit]:
+def as_good(state: SearchState) -> list[Fit]:
     """Other models that explain the data about as well as the best one, by their evidence."""
     problem, best = state.problem, state.best
-    noise = criteria.effective_noise(problem, best, search.settings.significance)
+    noise = criteria.effective_noise(problem, best)
     limit = criteria.bic(problem, best) + criteria.BIC_DIFFERENCE * noise
     others = [(criteria.bic(problem, f), f) for f in state.fits.values() if f.solved and f is not best]
     return [f for value, f in sorted(others, key=lambda x: x[0]) if value < limit]
 
 
-def posterior(search: Search, state: SearchState) -> list[tuple[Fit, float]]:
+def posterior(state: SearchState) -> list[tuple[Fit, float]]:
     """Probabilities of all models that were fitted, from their evidence; those below one in a million are left out.
 
     Where models with causes without a name, or with other forms of its effects, predict the same as the best one, but
@@ -231,7 +227,7 @@ def posterior(search: Search, state: SearchState) -> list[tuple[Fit, float]]:
         alike = not fit.named or {e.listed for e in fit.effects} == {e.listed for e in best.effects}
         return alike and float(np.sum((fit.residual - best.residual) ** 2)) < 1.0
 
-    noise = criteria.effective_noise(problem, best, search.settings.significance)
+    noise = criteria.effective_noise(problem, best)
     solved = [f for f in state.fits.values() if f.solved] or [best]
     logarithms = np.array([-0.5 * criteria.rank(problem, f) / noise for f in solved])
     weights = np.exp(logarithms - np.max(logarithms))

@@ -22,8 +22,6 @@ class IdentifySettings:
     ----------
     processes : int
         Worker processes. More than one needs a main module that may be imported.
-    significance : float
-        Chance of adding an effect to data that miss nothing, over all candidates [1].
     candidates : int
         So many laws are evaluated in a round, half as many forms or places of each, and half as many fits made.
     max_effects : int
@@ -32,24 +30,18 @@ class IdentifySettings:
     time_limit : float
         Processor time of the whole identification, in all its processes; what it does not suffice for is left out and
         reported. Only the declared model is simulated whatever time that takes [s].
-    hold_out : float
-        Fraction of the readings that is held out, about, where ``hold_out_branches`` is empty [1].
     hold_out_branches : tuple of str
-        Shell patterns; every branch of ``loading.csv`` that matches one is held out, and no other step.
-    path_tolerance : float
-        Of the solver: accuracy of the path of loading over the length [1].
+        Shell patterns; every branch of ``loading.csv`` that matches one is held out, and no other step. Empty: whole
+        branches are chosen.
     own_effects : tuple of Effect
         Candidates besides the listed ones; see `tdcr_fe.io.user_effects.read_own_effects`.
     """
 
     processes: int = 1
-    significance: float = 1e-3
     candidates: int = 5
     max_effects: int = 12
     time_limit: float = 900.0
-    hold_out: float = 0.3
     hold_out_branches: tuple[str, ...] = ()
-    path_tolerance: float = 5e-5
     own_effects: tuple[Effect, ...] = ()
 
 

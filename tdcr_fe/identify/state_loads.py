@@ -21,7 +21,7 @@ from tdcr_fe.effects.base import Kind, Values
 from tdcr_fe.elements import Array
 from tdcr_fe.identify.balance import scale
 from tdcr_fe.identify.bay_state import COMPONENTS, FORCE, MOMENT, BayState, end_of_bay, last_direction
-from tdcr_fe.identify.causes import Attraction, Cord, Held, SettlingLoad, StateLoad, number, settling_span
+from tdcr_fe.identify.causes import Attraction, Cord, Held, LawLoad, StateLoad, number, settling_span
 from tdcr_fe.identify.criteria import OTHER_GRAVITY, PER_FACTOR, UNNAMED
 from tdcr_fe.identify.rows import possible_starts, tip_forces
 from tdcr_fe.model.loading import resolve
@@ -368,7 +368,7 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> Iterator
         if progress and term.factors == (clock,) and term.bays is None and ((), term.direction) in _LISTED:
             last = Term((), term.direction)
             lasting = load(last.key, kind, last.actions, last.changes, price, definition(last))
-            yield from (SettlingLoad(x, lambda b: clock.value(b)[:, :1], *settling) for x in lasting)
+            yield from (x.settling(lambda b: clock.value(b)[:, :1, None], *settling) for x in lasting)
     names = problem.experiment.robot.tendon_names
     tensions = tensions_of(names)
     forces = tip_forces(resolve(problem.data.robot, problem.data.steps))
@@ -417,13 +417,8 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> Iterator
         own = [("share", "1", partial(_lost, tendon=i, first=first))]
         text, price = "a share of a tendon's tension is lost", math.log(len(names) * (bays - 1))
         yield from load(f"lost tension ({at})", Kind("transmission", ("place",), at), own, text, price)
-    yield DryBending(float(size[0]), length)
     bent = float(np.nanmax(_size(_bending(state)), initial=0.0))
-    if bent > 0.0:
-        yield PermanentSet(float(size[0]), bent)
-        if progress:
-            for declared in ("of a fast load", "at rest"):
-                yield Relaxation(declared, float(size[0]) / bent, clock, *settling)
+    yield from with_memory(float(size[0]), length, bent, (clock, *settling) if progress else None)
     spread = [(a, "N/m", partial(_spread, axis=i)) for i, a in enumerate("xyz")]
     kind = Kind("force", ("nothing",), "along the backbone")
     text = "a constant force along the whole backbone"
@@ -522,96 +517,72 @@ def free_loads(
             yield _FreeLoad(perturbs, f"{text}, {factor.how}", depends, direction, factor, at_tip)
 
 
-class DryBending(StateLoad):
-    """Dry friction within the backbone: a moment along the last change, of one size beyond some change.
+#: `TIME` or `ROW`, and what `settling_span` gives for it.
+_Settling = tuple[Factor, Parameter, Held]
 
-    Parameters
-    ----------
-    size, length
-        A moment that bends the backbone by about its length [N m], and that [m].
+
+def with_memory(size: float, length: float, largest: float, settling: _Settling | None) -> Iterator[LawLoad]:
+    """A backbone with dry friction, one that yields, and one that relaxes, if ``settling`` is known.
+
+    ``size``: a moment that bends the backbone by about its length [N m]; ``largest``: its largest curvature [1/m].
     """
-
-    def __init__(self, size: float, length: float) -> None:
-        step = TYPICAL * size
-        moment = number("moment", "N m", (-FARTHEST * step, FARTHEST * step), 0.0, step)
-        within = number("within", "1/m", (0.0, 10.0 / length), 0.0, 0.01 / length)
-        kind = Kind("stiffness", ("direction of loading",), "everywhere")
-        text = "a moment of dry friction within the backbone, along the last change of its curvature"
-        super().__init__("dry friction in bending", kind, (moment, within), (), text, math.log(10.0))
-        self.held = {"within": [x / length for x in (0.03, 0.1, 0.3)]}
-
-    def action(self, state: BayState, values: Values) -> Array:
-        """See `StateLoad.action`."""
-        within = max(values["within"], 1e-6 / float(state.edges[-1]))
-        change = (_bending(state) - _before(state)) / within
-        return values["moment"] * _moment(_row_by_row(state, lambda last, k: _follows(last, change[k])))
-
-
-class PermanentSet(StateLoad):
-    """A backbone that yields: beyond some change of the curvature a share of it stays, as a precurvature does.
-
-    Parameters
-    ----------
-    size
-        As in `DryBending`.
-    largest
-        The largest curvature of the declared model [1/m].
-    """
-
-    def __init__(self, size: float, largest: float) -> None:
-        most = FARTHEST * TYPICAL * size / largest
-        share = number("coefficient", "N m^2", (0.0, most), 0.0, TYPICAL * size / largest)
-        limit = number("limit", "1/m", (0.0, largest), largest, 0.05 * largest)
-        kind = Kind("precurvature", ("curvature",), "everywhere")
-        text = "a backbone that yields: what its curvature changes beyond a limit stays in part"
-        super().__init__("permanent set", kind, (share, limit), (), text, math.log(10.0))
-        self.held = {"limit": [x * largest for x in (0.5, 0.7, 0.85)]}
-
-    def action(self, state: BayState, values: Values) -> Array:
-        """See `StateLoad.action`."""
-        bent = _bending(state)
-
-        def left(last: Array, k: int) -> Array:
-            elastic = bent[k] - last
-            size = np.maximum(np.linalg.norm(elastic, axis=-1, keepdims=True), 1e-300)
-            return np.asarray(last + np.maximum(1.0 - values["limit"] / size, 0.0) * elastic)
-
-        return values["coefficient"] * _moment(_row_by_row(state, left))
-
-
-class Relaxation(StateLoad):
-    """A backbone that relaxes: its curvature without load follows the curvature that it has (a Maxwell element).
-
-    Parameters
-    ----------
-    declared
-        Whether the declared stiffness is that "of a fast load" or "at rest".
-    stiffness
-        A typical one [N m^2].
-    clock
-        `TIME` or `ROW`.
-    last, held
-        See `settling_span`.
-    """
-
-    def __init__(self, declared: str, stiffness: float, clock: Factor, last: Parameter, held: Held) -> None:
-        most, step = FARTHEST * TYPICAL * stiffness, TYPICAL * stiffness
-        numbers = number("coefficient", "N m^2", (-most, most), 0.0, step), last
-        kind, name = Kind("stiffness", (clock.kind,), "everywhere"), f"relaxation, stiffness {declared}"
+    step, price = TYPICAL * size, math.log(10.0)
+    moment = number("moment", "N m", (-FARTHEST * step, FARTHEST * step), 0.0, step)
+    within = number("within", "1/m", (0.0, 10.0 / length), 0.0, 0.01 / length)
+    kind = Kind("stiffness", ("direction of loading",))
+    held = {"within": [x / length for x in (0.03, 0.1, 0.3)]}
+    text = "a moment of dry friction within the backbone, along the last change of its curvature"
+    yield LawLoad("dry friction in bending", kind, (moment, within), _held_back, text, price, held)
+    if not largest > 0.0:
+        return
+    most, step = FARTHEST * step / largest, step / largest
+    share, limit = number("coefficient", "N m^2", (0.0, most), 0.0, step), (0.0, largest)
+    numbers = share, number("limit", "1/m", limit, largest, 0.05 * largest)
+    kind, held = Kind("precurvature", ("curvature",)), {"limit": [x * largest for x in (0.5, 0.7, 0.85)]}
+    text = "a backbone that yields: what its curvature changes beyond a limit stays in part"
+    yield LawLoad("permanent set", kind, numbers, _yielded, text, price, held)
+    if settling is None:
+        return
+    clock, last, spans = settling
+    numbers, kind = (replace(share, lower=-most), last), Kind("stiffness", (clock.kind,))
+    for declared in ("of a fast load", "at rest"):
+        acts = partial(_relaxed, clock=clock, at_rest=declared == "at rest")
         text = f"a backbone that relaxes; its declared stiffness is that {declared}"
-        super().__init__(name, kind, numbers, (), text, math.log(10.0), held)
-        self.clock, self.at_rest = clock, declared == "at rest"
+        yield LawLoad(f"relaxation, stiffness {declared}", kind, numbers, acts, text, price, spans)
 
-    def action(self, state: BayState, values: Values) -> Array:
-        """See `StateLoad.action`; between two rows the curvature changes linearly."""
-        clock = self.clock.value(state)[:, :1, None] / values["span"]
-        passed = np.where(state.begins[:, None, None], 0.0, np.diff(clock, axis=0, prepend=0.0))
-        left = np.exp(-passed)
-        # mean of what is left over the row
-        mean = np.divide(-np.expm1(-passed), passed, out=np.ones(left.shape), where=passed > 0.0)
-        gained = (mean - left) * _before(state) + (1.0 - mean) * _bending(state)
-        relaxed = _row_by_row(state, lambda last, k: left[k] * last + gained[k])
-        return values["coefficient"] * _moment(relaxed - self.at_rest * _bending(state))
+
+def _held_back(state: BayState, values: Values) -> Array:
+    """A moment of one size along the last change of the curvature, beyond some change."""
+    within = max(values["within"], 1e-6 / float(state.edges[-1]))
+    change = (_bending(state) - _before(state)) / within
+    return values["moment"] * _moment(_row_by_row(state, lambda last, k: _follows(last, change[k])))
+
+
+def _yielded(state: BayState, values: Values) -> Array:
+    """What changes of the curvature beyond a limit have left in part, as a precurvature does."""
+    bent = _bending(state)
+
+    def left(last: Array, k: int) -> Array:
+        elastic = bent[k] - last
+        size = np.maximum(np.linalg.norm(elastic, axis=-1, keepdims=True), 1e-300)
+        return np.asarray(last + np.maximum(1.0 - values["limit"] / size, 0.0) * elastic)
+
+    return values["coefficient"] * _moment(_row_by_row(state, left))
+
+
+def _relaxed(state: BayState, values: Values, clock: Factor, at_rest: bool) -> Array:
+    """A curvature without load that follows the one that it has (a Maxwell element), which changes linearly in a row.
+
+    ``at_rest``: whether the declared stiffness is that in the end.
+    """
+    passed = clock.value(state)[:, :1, None] / values["span"]
+    passed = np.where(state.begins[:, None, None], 0.0, np.diff(passed, axis=0, prepend=0.0))
+    left = np.exp(-passed)
+    # mean of what is left over the row
+    mean = np.divide(-np.expm1(-passed), passed, out=np.ones(left.shape), where=passed > 0.0)
+    gained = (mean - left) * _before(state) + (1.0 - mean) * _bending(state)
+    relaxed = _row_by_row(state, lambda last, k: left[k] * last + gained[k])
+    return values["coefficient"] * _moment(relaxed - at_rest * _bending(state))
 
 
 def _before(state: BayState) -> Array:

@@ -16,7 +16,7 @@ from tdcr_fe.identify.causes import Cause, is_named
 from tdcr_fe.identify.data_faults import gross_errors, wrong_sigma
 from tdcr_fe.identify.fitting import covariance
 from tdcr_fe.identify.forward import run_settings
-from tdcr_fe.identify.noise import ALL_READINGS, SIGNIFICANCE, held_out_ceiling, outliers, structure
+from tdcr_fe.identify.noise import ALL_READINGS, REPORTED, held_out_ceiling, outliers, structure
 from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.identify.result import (
     NAMED,
@@ -50,7 +50,7 @@ def conclude(search: Search, state: SearchState, begun: float = 0.0) -> Identifi
     wall_time = time.perf_counter() - begun
     problem, best, declared, data = state.problem, state.best, state.declared, state.problem.data
     tests = structure(data, best.residual, len(best.free))
-    explained = search.is_noise(problem, best)
+    explained = criteria.residual_is_noise(problem, best)
     unlisted = criteria.probability_of_unlisted(best) if explained else 0.0
     undecided = _undecided(search, state, explained)
     ceiling = None
@@ -106,7 +106,7 @@ def _undecided(search: Search, state: SearchState, explained: bool) -> Remainder
     alone = not (insufficient or best.effects)
     scatter = state.scatter if not insufficient and state.scatter and state.scatter.explains_all else None
     faulty = state.data_fault or (wrong_sigma(problem, best) if alone and scatter is None else "")
-    faulty = faulty or ("" if explained else gross_errors(problem, best, search.settings.significance))
+    faulty = faulty or ("" if explained else gross_errors(problem, best))
     unknown_noise = criteria.mostly_estimated_noise(problem.data) if explained and alone else ""
     what = "" if scatter is None else scatter.what
     shifted = "another shift of all positions in every step would explain all of the remaining error"
@@ -141,7 +141,7 @@ def _remaining(explained: bool, tests: Sequence[Structure]) -> Remainder:
     """Location and kind of the remaining error, as texts."""
     if explained:
         return Remainder("nowhere", "what is left has the size and the structure of the noise")
-    groups = [t.group for t in tests if t.p_value < SIGNIFICANCE and t.group != ALL_READINGS]
+    groups = [t.group for t in tests if t.p_value < REPORTED and t.group != ALL_READINGS]
     if not groups:
         return Remainder(ALL_READINGS, "more than noise is left, in no group of readings more than in others")
     return Remainder(groups[0], f"the residual is least like noise in: {', '.join(groups[:3])}")
@@ -175,7 +175,7 @@ def added_effects(
     search: Search, state: SearchState, deviation: Array, explained: bool
 ) -> Iterator[AddedEffect]:
     """Effects in the order of adding, with the evidence for each."""
-    problem, best, weights = state.problem, state.best, posterior(search, state)
+    problem, best, weights = state.problem, state.best, posterior(state)
     # one cause in place of several of one kind is of that kind
     another = criteria.probability_of_unlisted(best) if len({e.kind for e in best.effects}) == 1 else 0.0
     before: Fit | None = state.declared
@@ -188,7 +188,7 @@ def added_effects(
         errors = NOT_EVALUATED if after is None else _errors(problem, after, parameters=len(after.free))
         evidence: dict[str, float] = {}
         if before is not None and after is not None:
-            threshold = criteria.chi_square_threshold(len(e.parameters), search.settings.significance)
+            threshold = criteria.chi_square_threshold(len(e.parameters))
             evidence = {
                 "chi2_drop_fit": before.cost - after.cost,
                 "chi2_drop_held_out": before.held_cost - after.held_cost,

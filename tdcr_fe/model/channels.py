@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from tdcr_fe.elements import Array
-from tdcr_fe.model.observed_step import ObservedChange, ObservedStep
+from tdcr_fe.model.observed_step import ObservedStep
 from tdcr_fe.model.results import angle_from_z, off_axis
 
 #: Arc length [m], tendon name, or None where a quantity has no location.
@@ -79,27 +79,20 @@ class Channel:
         power, values = PLAUSIBLE[self.unit]
         return Plausible(*(x * length**power for x in values))
 
-    def derivatives(self, step: ObservedStep, change: ObservedChange, locations: Sequence[Location]) -> Array:
-        """Derivatives of the prediction by parameters, by central differences of `predict`, shape (k, P).
-
-        An angle, or a distance from an axis, is not differentiable where it is zero; there it is the derivative to the
-        side of growing parameters.
-
-        Parameters
-        ----------
-        step
-            The observed step.
-        change
-            Its derivatives by the parameters.
-        locations
-            Of the readings, k of them.
-        """
-        h = change.difference_steps(step)
-        return by_differences(self.predict(step.moved(change, h), locations), h)
-
 
 def by_differences(found: Array, h: Array) -> Array:
-    """`Channel.derivatives` from predictions in steps that `ObservedStep.moved` has changed by ``h``, (1 + 2 P, k)."""
+    """Derivatives of predictions by parameters, by central differences, shape (k, P).
+
+    An angle, or a distance from an axis, is not differentiable where it is zero; there it is the derivative to the side
+    of growing parameters.
+
+    Parameters
+    ----------
+    found
+        Predictions in steps that `ObservedStep.moved` has changed, shape (1 + 2 P, k).
+    h
+        By how much, shape (P,).
+    """
     here, (ahead, behind) = found[0], found[1:].reshape(2, h.size, -1)
     bend = np.abs(ahead - here) + np.abs(behind - here)
     at_zero = np.abs(ahead + behind - 2.0 * here) > 0.5 * bend

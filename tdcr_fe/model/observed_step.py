@@ -24,24 +24,25 @@ class Observation:
     rotation : (float, float, float)
         Rotation vector of the measuring frame against the base [rad]. Directions, and so angles from the
         z axis, are turned as well.
-    offset : (float, float)
-        Markers off the backbone, along x and y of their sections [m].
-    along : float
-        Markers before or beyond the arc length that they are assigned to, along the tangent of that section [m].
+    offset : (float, float, float)
+        Markers off the backbone, along x and y of their sections, and beyond the arc length that they are assigned to,
+        along the tangent there [m].
     shift : (float, float, float)
         The base in the measuring frame [m].
     markers : tuple of float
         Arc lengths that markers are assigned to, ascending [m]; empty where they are not known.
     single : tuple of ((float, float, float), ...)
         For each of ``markers``, what its offset differs by from that of all [m]; empty where they are alike.
+    declared : tuple of float
+        Arc lengths by which readings name these markers, where the backbone is of another length [m]; else empty.
     """
 
     rotation: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    offset: tuple[float, float] = (0.0, 0.0)
-    along: float = 0.0
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
     markers: tuple[float, ...] = ()
     single: tuple[tuple[float, float, float], ...] = ()
+    declared: tuple[float, ...] = ()
 
     @cached_property
     def frame(self) -> Array:
@@ -56,9 +57,13 @@ class Observation:
         """Measured points in the base's frame [m], shape (..., 3): the inverse of `seen`."""
         return np.asarray((measured - np.array(self.shift)) @ self.frame)
 
+    def placed(self, s: Array) -> Array:
+        """Where the markers are that readings name by arc lengths [m], shape (n_markers,)."""
+        return np.interp(s, self.declared, self.markers) if self.declared else s
+
     def offsets(self, s: Array) -> Array:
         """Offsets of markers at arc lengths from the backbone, in their sections [m], shape (n_markers, 3)."""
-        found = np.tile([*self.offset, self.along], (len(s), 1))
+        found = np.tile(self.offset, (len(s), 1))
         for at, own in zip(self.markers, self.single, strict=False):
             found[np.abs(s - at) < AT_NODE] += own
         return found
@@ -157,6 +162,7 @@ class ObservedStep:
         return {}
 
     def _markers(self, s: Array) -> Array:
+        s = self.observation.placed(s)
         k = elements_at(self.nodes, s)
         share = (s - self.s[..., k]) / (self.s[..., k + 1] - self.s[..., k])
         p, r = self.positions, self.rotations

@@ -222,7 +222,7 @@ def test_few_markers_that_are_far_off_are_gross_errors_where_all_others_leave_no
             return replace(r, value=r.value + by * (r.location in at and r.step in steps))
 
         state = begun(changed(data, moved))
-        return gross_errors(state.problem, state.declared, 1e-3)
+        return gross_errors(state.problem, state.declared)
 
     assert "in steps 3, 8" in found(clean, (3, 8))
     assert not found(clean, ()) and not found(measured(GRAVITY), (3, 8)) and not found(clean, range(1, 40, 3))

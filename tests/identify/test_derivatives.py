@@ -90,6 +90,8 @@ WITHOUT_NAME = [
         "input gain over the time so far (all)": dict(all=-0.1)}),
     ("tension", {"friction by normal force": dict(friction=0.1, exponent=-0.3)}),
     ("tension", {"friction by slip rate": dict(friction=0.1, at_rest=-0.05, rate=1e-3)}),
+    ("tension", {"length": dict(factor=1.05), "marker_offset": dict(offset_x=1e-3, offset_y=-2e-3)}),
+    ("displacement", {f"length (s = 0 to {LENGTH / 5:.4g} m)": dict(factor=0.9), "gravity": dict(g_x=3.0)}),
 ]  # fmt: skip
 
 
@@ -101,10 +103,10 @@ def known(about: FitProblem, name: str) -> Effect:
     return next(f for f in (effect(listed), *effect(listed).forms(about.experiment)) if f.name == name)
 
 
-def problem(kind: str) -> FitProblem:
-    """Readings of all channels in all steps, at disks and between them."""
+def problem(kind: str, disk: float = 0.1) -> FitProblem:
+    """Readings of all channels in all steps, at a disk and between disks."""
     steps = STEPS[kind]
-    places = {"arc length": (0.1, 0.2173), "tendon": ROBOT.tendon_names, "": (None,)}
+    places = {"arc length": (disk, 0.2173), "tendon": ROBOT.tendon_names, "": (None,)}
     read = [(c.quantity, where) for c in CHANNELS for where in places[c.location]]
     readings = [Reading(n, *what, 0.0, 1.0) for n in range(1, len(steps) + 1) for what in read]
     data = data_of(steps, tuple(readings), ROBOT, Model())
@@ -148,7 +150,8 @@ SLOW |= {"superelastic", "friction_coefficient (each)"}
 )
 def test_derivatives_of_all_channels_are_those_of_whole_simulations(kind: str, values: dict) -> None:
     """By every parameter of every effect, of positions, angles, offsets, displacements, tensions and curvatures."""
-    about = problem(kind)
+    # where bays become longer, the strain that jumps at a disk makes its derivative one to one side
+    about = problem(kind, 0.13 if any(n.startswith("length") for n in values) else 0.1)
     effects = tuple(known(about, n) for n in values)
     full = {e.name: {**e.null_values(about.experiment), **values[e.name]} for e in effects}
     columns = tuple(Column(e, p, full[e.name], 1e-3) for e in effects for p in values[e.name])

@@ -6,7 +6,7 @@ from identify_data import data_of
 from searches import GRAVITY, problem_of, result
 
 from tdcr_fe import LoadStep, Reading
-from tdcr_fe.identify.noise import held_out_ceiling, predicted_residuals
+from tdcr_fe.identify.noise import held_out_ceiling, predicted_residual
 from tdcr_fe.identify.problem import Fit
 from tdcr_fe.identify.result import Misfit
 from tdcr_fe.identify.sentences import sentences
@@ -49,7 +49,7 @@ TIME = np.array([s.time for s in DATA.steps])
 )
 def test_what_depends_on_inputs_direction_or_time_is_removed(cause):
     residual = by_step(cause) + NOISE
-    left = residual - predicted_residuals(PROBLEM, [residual])[0]
+    left = residual - predicted_residual(PROBLEM, residual)
     assert np.mean(left[HELD] ** 2) < 0.05 * np.mean(residual[HELD] ** 2)
     least = held_out_ceiling(PROBLEM, fit(residual), fit(residual))
     assert least.chi2_per_dof == pytest.approx(np.mean(left[HELD] ** 2))
@@ -57,12 +57,13 @@ def test_what_depends_on_inputs_direction_or_time_is_removed(cause):
 
 def test_the_held_out_readings_are_never_used():
     residual = by_step(40.0 * TENSION**2) + NOISE
-    np.testing.assert_allclose(*predicted_residuals(PROBLEM, [residual, np.where(HELD, 1e3, residual)]))
+    unknown = np.where(HELD, 1e3, residual)
+    np.testing.assert_allclose(*(predicted_residual(PROBLEM, r) for r in (residual, unknown)))
 
 
 def test_noise_has_no_ceiling_below_itself():
     """The regression predicts next to nothing, and the ceiling is never above the final model's own error."""
-    assert np.mean(predicted_residuals(PROBLEM, [NOISE])[0][HELD] ** 2) < 0.2
+    assert np.mean(predicted_residual(PROBLEM, NOISE)[HELD] ** 2) < 0.2
     least = held_out_ceiling(PROBLEM, fit(NOISE), fit(NOISE))
     assert 0.8 * np.mean(NOISE[HELD] ** 2) <= least.chi2_per_dof <= np.mean(NOISE[HELD] ** 2)
 

@@ -34,7 +34,7 @@ def ambiguous():
 
 def test_an_ambiguity_is_separated_by_the_experiment_that_was_chosen(ambiguous):
     """Gain and stiffness: only a tip force tells; simulated there, the rival's misfit is far above the noise."""
-    (rival,) = leading_rivals(SEARCH, ambiguous)
+    (rival,) = leading_rivals(ambiguous)
     assert rival.names == ("actuator_gain",)
     planned = choose_next(SEARCH, ambiguous)
     assert set(planned.separation) == {"actuator_gain"} and planned.separation["actuator_gain"] > 5.0

@@ -161,7 +161,7 @@ def test_declared_errors_of_the_inputs_make_their_scatter_noise():
     scattered = data(1.0, errors(0.02, len(PULLS), seed=4))
     for measured, noise in ((scattered, False), (replace(scattered, input_sigma=(0.02, 0.02)), True)):
         state = begun(measured)
-        assert residual_is_noise(state.problem, state.declared, 1e-3) == noise
+        assert residual_is_noise(state.problem, state.declared) == noise
     r = state.declared.residual
     assert np.mean(r**2) == pytest.approx(1.0, abs=0.25)
     problem = state.problem

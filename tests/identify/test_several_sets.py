@@ -79,7 +79,7 @@ def test_joined_sets_keep_their_readings_branches_and_begin_anew():
     assert problem_of(joined).experiment.restarts == (11,)
     assert join_measured([a]) is a
     declared = [replace(x, effects={"marker_offset": {"offset_z": 8e-3}}) for x in (a, b)]
-    assert join_measured(declared).experiment.observation.along == 8e-3
+    assert join_measured(declared).experiment.observation.offset == (0.0, 0.0, 8e-3)
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ from tdcr_fe.identify.problem import evaluate, with_elements
 from tdcr_fe.identify.report import render
 from tdcr_fe.identify.screening import screen
 from tdcr_fe.identify.sentences import sentences, summary
-from tdcr_fe.identify.state_loads import ROW, TIME, DryBending, PermanentSet, library
+from tdcr_fe.identify.state_loads import ROW, TIME, library, with_memory
 
 TERMS = {t.key: t for t in library(4, TIME)}
 HARDENING = TERMS["bending stiffness that changes with the curvature"]
@@ -161,7 +161,7 @@ def test_dry_friction_holds_the_arc_back_by_one_moment():
     friction, within = 0.2 * EI, 0.5
     moments = np.array([2.0, 4.0, 3.9, 1.0]) * EI
     _, problem = bent_by(moments)
-    load = DryBending(EI / LENGTH, LENGTH)
+    load, _ = with_memory(EI / LENGTH, LENGTH, 5.0, None)
     values = {"moment": -friction, "within": within}
     run = under(problem, load, values)
     slid = (moments + friction * np.array([-1.0, -1.0, 0.0, 1.0])) / EI
@@ -184,7 +184,7 @@ def test_what_yields_keeps_a_share_of_its_curvature():
     EI, limit = ROBOT.backbone.EI, 2.0
     moments, c = np.array([1.0, 4.0, 0.0, -1.0, 3.0]) * EI, 0.2 * EI
     _, problem = bent_by(moments)
-    load = PermanentSet(EI / LENGTH, 5.0)
+    _, load = with_memory(EI / LENGTH, LENGTH, 5.0, None)
     values = {"coefficient": c, "limit": limit}
     run = under(problem, load, values)
     farthest = (moments[1] - c * limit) / (EI - c)

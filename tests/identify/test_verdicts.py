@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from identify_data import GRAVITY, data_of, measured, positions
-from searches import begun, concluded, declared, identified, problem_of, searching, state_of, with_model
+from searches import begun, concluded, declared, identified, problem_of, state_of, with_model
 
 from tdcr_fe.commands import identify as command
 from tdcr_fe.effects import EFFECTS, Experiment, effect
@@ -120,7 +120,7 @@ def test_candidates_with_more_parameters_than_readings_are_not_fitted(bent):
     state = begun(replace(bent, readings=bent.readings[:4]))
     problem = replace(state.problem, held_out=np.array([False, False, True, True]))
     scores, _ = screen(problem, state.declared, [effect("gravity"), effect("actuator_gain")])
-    fitted = worth_fitting(searching(), problem, state.declared, [replace(s, drop=1e9) for s in scores])
+    fitted = worth_fitting(problem, state.declared, [replace(s, drop=1e9) for s in scores])
     assert [x.score.effect.name for x in fitted] == ["actuator_gain"]
 
 

@@ -73,7 +73,7 @@ def test_a_turned_frame_and_markers_beside_the_backbone_are_read_as_declared():
     """A quarter turn about z of an unbent robot whose markers sit 2 mm along x: they are seen 2 mm along y."""
     robot = draw_robot("single", np.random.default_rng(1))
     steps = (LoadStep(tensions={"t1": 0.0}),)
-    look = Observation(rotation=(0.0, 0.0, np.pi / 2.0), offset=(2e-3, 0.0))
+    look = Observation(rotation=(0.0, 0.0, np.pi / 2.0), offset=(2e-3, 0.0, 0.0))
     result = solve_reference(robot, Model(), steps, settings=ReferenceSettings())
     length = robot.backbone.length
     marks = [(0, f"position_{a}", length) for a in "xyz"]

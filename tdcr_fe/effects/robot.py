@@ -1,4 +1,4 @@
-"""Effects of backbone, material and disks, of weight, payload and base: stiffness, creep, gravity, channels, ..."""
+"""Effects of the robot itself: stiffness and material of the backbone, base, weight and payload, disks, channels."""
 
 from __future__ import annotations
 
@@ -407,9 +407,10 @@ class MisplacedChannels(Effect):
     """Channels run farther from the axis or nearer to it, or at another angle, linearly from base to end.
 
     The channels of the tendons run elsewhere in the body than declared: the pins that leave them free bend or
-    shift in the mould when it is filled.
+    shift in the mould when it is filled. Or holes of disks are at other angles, as where these were put together by
+    hand.
 
-    Distinguished by: cut a casting of the same mould across, and measure where the channels are.
+    Distinguished by: cut a casting of the same mould across, or look along the robot, and measure where they are.
 
     A number holds for all tendons, and ``NAME_TENDON`` for one of them.
     """
@@ -418,16 +419,23 @@ class MisplacedChannels(Effect):
     kind = Kind("routing", ("place",))
     parameters = (_parameter("factor_end"),)
     _further = tuple(_parameter(n) for n in AS_DECLARED if n != "factor_end")
+    _angle = Parameter("angle", "rad", -1.6, 1.6, 0.0, 0.03, "angle about the axis, from base to end")
     further: ClassVar[Mapping[str, Parameter]] = {
         "^factor_(base|end)(_.+)?$": parameters[0],
-        "^angle_(base|end)(_.+)?$": _parameter("angle_base"),
+        "^angle_.+$": _angle,
     }
 
     def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
-        """The offset at the end, an angle for each tendon, both, or all for each; none where disks hold the holes."""
+        """The offset at the end, an angle for each tendon, both, or all for each.
+
+        Where disks hold the holes, angles against the first of at least three tendons, the same in all disks.
+        """
         tendons = experiment.robot.tendon_names
         if not experiment.robot.without_disks or not tendons:
-            return ()
+            others = [f"angle_{t}" for t in tendons[1:]]  # a frame that is turned moves all
+            angles = self.form("angles", others, experiment)
+            angles.kind = Kind("routing", ("nothing",))
+            return (angles,) if len(others) > 1 else ()
         angles = [f"angle_{where}_{t}" for where in ("base", "end") for t in tendons]
         each = [f"factor_end_{t}" for t in tendons]
         return (
@@ -440,7 +448,7 @@ class MisplacedChannels(Effect):
     def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
         """Of all tendons, and of each."""
         common = (*self.parameters, *self._further)
-        return (*common, *for_each(common, {t: t for t in experiment.robot.tendon_names}))
+        return (*common, *for_each((*common, self._angle), {t: t for t in experiment.robot.tendon_names}))
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`."""
@@ -449,7 +457,9 @@ class MisplacedChannels(Effect):
 
 def _moved(tendon: Tendon, values: Values) -> Tendon:
     """A tendon whose channel runs elsewhere."""
-    numbers = {n: values.get(f"{n}_{tendon.name}", values.get(n, x)) for n, x in AS_DECLARED.items()}
+    angle = values.get(f"angle_{tendon.name}", 0.0)
+    given = AS_DECLARED | {"angle_base": angle, "angle_end": angle}
+    numbers = {n: values.get(f"{n}_{tendon.name}", values.get(n, x)) for n, x in given.items()}
     if numbers == AS_DECLARED:
         return tendon
     return replace(tendon, routing=MisplacedRouting(tendon.routing, **numbers))
