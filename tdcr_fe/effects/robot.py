@@ -433,9 +433,9 @@ class MisplacedChannels(Effect):
         tendons = experiment.robot.tendon_names
         if not experiment.robot.without_disks or not tendons:
             others = [f"angle_{t}" for t in tendons[1:]]  # a frame that is turned moves all
-            angles = self.form("angles", others, experiment)
-            angles.kind = Kind("routing", ("nothing",))
-            return (angles,) if len(others) > 1 else ()
+            form = self.form("angles", others, experiment)
+            form.kind = Kind("routing", ("nothing",))
+            return (form,) if len(others) > 1 else ()
         angles = [f"angle_{where}_{t}" for where in ("base", "end") for t in tendons]
         each = [f"factor_end_{t}" for t in tendons]
         return (

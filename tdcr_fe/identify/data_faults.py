@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -18,7 +18,7 @@ from tdcr_fe.identify.forward import Job
 from tdcr_fe.identify.noise import OUTLIER, is_noise, outliers, robust_scatter, series, structure
 from tdcr_fe.identify.problem import NOISE_REACHES, Fit, FitProblem, huber, join_steps
 from tdcr_fe.identify.result import MOST_NOISE
-from tdcr_fe.identify.rows import FEWEST
+from tdcr_fe.identify.rows import FEWEST, RowChoice
 from tdcr_fe.io.measured import MeasuredData, impossible_place
 from tdcr_fe.io.tables import number
 from tdcr_fe.model.channels import CHANNELS, arc_lengths
@@ -38,6 +38,9 @@ WRONG_SIGMA = 3.0
 MOST_GROSS = 0.1
 #: A location beyond the declared length, up to so many times that length, is that of a marker, not of another unit [1].
 FARTHEST = 2.0
+
+#: Steps of long data on which other inputs are tried. With 43 for nine tendons, all steps took 150 s.
+SHOWING = 30
 
 #: How the sentence of a fault begins, and the sign of displacements.
 _FIT_IF, _PULLED_IN = "the readings fit if {since}", "they are positive where a tendon is pulled in"
@@ -60,6 +63,19 @@ class _Drive(NamedTuple):
     names: Mapping[str, str]  # which tendon those of a tendon are of
     displacements: float = 1.0  # their factor
     forces: float = 1.0
+
+
+#: What the inputs should have been, as a sentence, too.
+_Change = tuple[_Drive, str]
+
+
+class _Promise(NamedTuple):
+    """A change of the inputs, and how well the readings fit with it; see `_Grid.judged`."""
+
+    cost: float
+    text: str
+    first: int
+    change: _Change
 
 
 @dataclass(frozen=True)
@@ -368,11 +384,14 @@ def _other_drives(problem: FitProblem, declared: Fit, grid: _Grid) -> tuple[floa
 
     And the sentence of what fits best.
 
-    Runs without friction, which cost a tenth, show which change promises most; that one is simulated with friction.
+    Runs without friction, which cost a tenth, show which change promises most, of long data on some of the steps; that
+    one is simulated with friction.
     """
     robot, declared_drive = problem.data.robot, problem.experiment
     couples = itertools.combinations(robot.tendon_names, 2)
-    changes = [(_Drive({a: b, b: a}), f"tendons {a} and {b} are exchanged") for a, b in couples]
+    changes: list[_Change] = [
+        (_Drive({a: b, b: a}), f"tendons {a} and {b} are exchanged") for a, b in couples
+    ]
     for end in sorted({robot.end(t) for t in robot.tendons}):
         ring = [t.name for t in robot.tendons if robot.end(t) == end]
         for k in range(1, len(ring)) if len(ring) > 2 else ():
@@ -383,20 +402,33 @@ def _other_drives(problem: FitProblem, declared: Fit, grid: _Grid) -> tuple[floa
         changes.append((_Drive({}, displacements=-1.0), "displacements have the opposite sign"))
     if any(step.loads for step in declared_drive.steps):
         changes.append((_Drive({}, forces=-1.0), "forces at the tip have the opposite sign"))
-    plain = replace(declared_drive, model=replace(declared_drive.model, friction="none", elements_per_bay=1))
+    shown, steps = changes, len(problem.data.steps)
+    if steps > 2 * SHOWING and not problem.data.parts:
+        rows = RowChoice.of_steps(problem.data, range(0, steps, steps // SHOWING))
+        known = replace(declared, residual=declared.residual[list(rows.readings)])
+        few = problem.of_rows(rows)
+        shown = [_most_promising(few, known, _Grid.of(few, known, grid.family), changes).change]
+    cost, text, first, (best, _) = _most_promising(problem, declared, grid, shown)
+    if cost > 0.5 * _mean_square(declared.residual[grid.which]):
+        return np.inf, ""
+    drive = _driven(declared_drive, best, problem.data.step_ids.index(grid.steps[first]))
+    (run,) = problem.run([Job(drive)])
+    return _mean_square(problem.residual(drive, run)[grid.which]), text
+
+
+def _most_promising(problem: FitProblem, declared: Fit, grid: _Grid, changes: Sequence[_Change]) -> _Promise:
+    """That of several changes which fits best without friction."""
+    plain = replace(
+        problem.experiment, model=replace(problem.experiment.model, friction="none", elements_per_bay=1)
+    )
     free = [join_steps(plain), *(join_steps(_driven(plain, change)) for change, _ in changes)]
     runs = problem.run([Job(e) for e in free])
     here, *others = [problem.residual(e, run) for e, run in zip(free, runs, strict=True)]
     judged = []
-    for other, (change, text) in zip(others, changes, strict=True):
-        fault = _Fault(grid.table(declared.residual + other - here), _FIT_IF + text)
-        judged.append((*grid.judged(fault), change))
-    cost, text, first, change = min(judged, key=lambda x: x[0], default=(np.inf, "", 0, _Drive({})))
-    if cost > 0.5 * _mean_square(declared.residual[grid.which]):
-        return np.inf, ""
-    drive = _driven(declared_drive, change, problem.data.step_ids.index(grid.steps[first]))
-    (run,) = problem.run([Job(drive)])
-    return _mean_square(problem.residual(drive, run)[grid.which]), text
+    for other, change in zip(others, changes, strict=True):
+        fault = _Fault(grid.table(declared.residual + other - here), _FIT_IF + change[1])
+        judged.append(_Promise(*grid.judged(fault), change))
+    return min(judged, key=lambda x: x.cost, default=_Promise(np.inf, "", 0, (_Drive({}), "")))
 
 
 def _driven(experiment: Experiment, change: _Drive, since: int = 0) -> Experiment:

@@ -177,11 +177,11 @@ def prepare(data: MeasuredData, settings: IdentifySettings, forward: ForwardMode
         problem = replace(problem, path_tolerance=float(np.clip(share, TIGHTEST, LOOSEST)))
     rows, searched, frictional = choose_rows(data, held), problem, None
     if rows is not None:
-        searched = problem_of_rows(problem, rows)
+        searched = problem.of_rows(rows)
         if friction_explains_little(searched):
             frictional = searched
             rows = choose_rows(data, held, history=False) or rows
-            searched = without_friction(problem_of_rows(problem, rows))
+            searched = without_friction(problem.of_rows(rows))
     run = evaluate(searched, (), {}).run
     if run.solved:
         searched, run = refine(searched, (), {}, run)
@@ -207,16 +207,6 @@ def declared_state(prepared: Prepared) -> SearchState:
 
 
 # ---------------------------------------------------------------------------------------------- the end of long data
-
-
-def problem_of_rows(problem: FitProblem, rows: RowChoice) -> FitProblem:
-    """The same problem on chosen load steps, with the declared model."""
-    index, data = np.array(rows.readings), rows.of(problem.data)
-    sigma, held_out = problem.sigma[index], problem.held_out[index]
-    fresh = FitProblem.of(data, sigma, held_out, problem.forward, problem.path_tolerance)
-    at = {i: k for k, i in enumerate(rows.readings)}
-    roots = tuple((np.array([at[i] for i in own]), root) for own, root in problem.roots if own[0] in at)
-    return replace(fresh, catalogue=problem.catalogue, roots=roots)
 
 
 def fit_to_all_rows(search: Search, state: SearchState, problem: FitProblem) -> SearchState:

@@ -15,6 +15,7 @@ from tdcr_fe.identify.bay_state import with_action
 from tdcr_fe.identify.causes import ReadingCause, is_named
 from tdcr_fe.identify.forward import ForwardModel, Job
 from tdcr_fe.identify.result import Misfit
+from tdcr_fe.identify.rows import RowChoice
 from tdcr_fe.identify.run import Readings, Run
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.loading import LoadStep
@@ -70,6 +71,15 @@ class FitProblem:
         experiment, correction = with_elements(data.experiment, 1), np.zeros(len(data.readings))
         given = data, readings, forward, sigma, held_out, experiment, path_tolerance
         return cls(*given, robust_threshold=NOISE_REACHES, correction=correction)
+
+    def of_rows(self, rows: RowChoice) -> FitProblem:
+        """The same problem on chosen load steps, with the declared model."""
+        index, data = np.array(rows.readings), rows.of(self.data)
+        sigma, held_out = self.sigma[index], self.held_out[index]
+        fresh = FitProblem.of(data, sigma, held_out, self.forward, self.path_tolerance)
+        at = {i: k for k, i in enumerate(rows.readings)}
+        roots = tuple((np.array([at[i] for i in own]), root) for own, root in self.roots if own[0] in at)
+        return replace(fresh, catalogue=self.catalogue, roots=roots)
 
     @property
     def count(self) -> int:

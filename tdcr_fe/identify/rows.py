@@ -187,6 +187,14 @@ class RowChoice:
     readings: tuple[int, ...]  # indices of their readings
     total: int  # steps of the loading sequence
 
+    @classmethod
+    def of_steps(cls, data: MeasuredData, steps: Sequence[int]) -> RowChoice:
+        """Of steps by their positions in the loading sequence."""
+        readings = np.flatnonzero(np.isin(read_rows(data), steps))
+        return cls(
+            tuple(steps), tuple(data.step_ids[k] for k in steps), tuple(readings.tolist()), len(data.steps)
+        )
+
     def of(self, data: MeasuredData) -> MeasuredData:
         """The data of the chosen steps."""
         steps = tuple(data.steps[k] for k in self.steps)
@@ -226,11 +234,7 @@ def choose_rows(data: MeasuredData, held_out: Sequence[int], history: bool = Tru
     total *= 1 if history else 2
     share = round(HELD_OUT * total)
     rows = sorted([*_spread(table, groups[0], share), *_spread(table, groups[1], total - share)])
-    if len(rows) == len(data.steps):
-        return None
-    numbers = tuple(data.step_ids[k] for k in rows)
-    readings = tuple(np.flatnonzero(np.isin(read, rows)).tolist())
-    return RowChoice(tuple(rows), numbers, readings, len(data.steps))
+    return None if len(rows) == len(data.steps) else RowChoice.of_steps(data, rows)
 
 
 def _joined(branches: Sequence[Sequence[int]], held: set[int]) -> list[list[int]]:

@@ -11,7 +11,7 @@ from searches import concluded, identified, problem_of, searching, state_of
 from tdcr_fe import Experiment, InputError, LoadStep, Reading, effect, with_effects
 from tdcr_fe.identify import IdentifySettings, identify, rows
 from tdcr_fe.identify.fitting import fit
-from tdcr_fe.identify.identification import fit_to_all_rows, problem_of_rows, with_friction, without_friction
+from tdcr_fe.identify.identification import fit_to_all_rows, with_friction, without_friction
 from tdcr_fe.identify.problem import evaluate, join_steps
 from tdcr_fe.identify.report import render
 from tdcr_fe.identify.rows import IN_BRANCH, SEARCHED, blocks, choose_rows, held_out_branches, inputs
@@ -100,7 +100,7 @@ def test_declared_friction_stays_where_the_model_is_better_with_it(true, kept):
     mu = {"friction_coefficient": {"mu": true}} if true else {}
     data = replace(long_data(11, FRICTIONAL, {**bend, **mu}), robot=robot)
     problem = problem_of(data, range(1, 61), SIGMA)
-    problem = problem_of_rows(problem, choose_rows(data, range(60)))
+    problem = problem.of_rows(choose_rows(data, range(60)))
     search, free = searching(), state_of(without_friction(problem))
     best = fit(free.problem, (effect("precurvature"),), bend)
     state = with_friction(problem, search, replace(free.with_fit(best), best=best))
@@ -151,7 +151,7 @@ def searched():
     held = [k for k, b in enumerate(data.branches) if int(b.split()[1]) % 3 == 0]
     problem = problem_of(data, [k + 1 for k in held], SIGMA)
     chosen = choose_rows(data, held)
-    state = state_of(problem_of_rows(problem, chosen))
+    state = state_of(problem.of_rows(chosen))
     effects = tuple(effect(name) for name in truth)
     for some in (effects[:1], effects):
         best = fit(state.problem, some, {e.name: truth[e.name] for e in some})
