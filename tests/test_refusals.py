@@ -26,7 +26,6 @@ FREE = Model(friction="none")
 CONTINUOUS = Model("continuous", "none")
 SOFT = Robot(Backbone(0.3, 12e-3, 0.4e6, 0.45), tendons=(Tendon("a", tdcr.ConvergingRouting(9e-3, 3e-3)),))
 PULL = [LoadStep(tensions={"t1": 1.0})]
-ABOVE = [[0.0, 0.0, 0.2]]
 ONE = TensionLimits(1.0)
 STRIBECK = tdcr.StribeckFriction(0.4, 0.2, 1e-3)
 AT_STEP_9 = tdcr.Reading(9, "tip_offset", None, 0.03)
@@ -40,7 +39,7 @@ def changed(name, **values):
     return with_effect(Experiment(three(0.2), Model(), tuple(PULL)), name, **values)
 
 
-def follow(limits=ONE, targets=ABOVE, robot=None, **options):
+def follow(limits=ONE, targets=((0.0, 0.0, 0.2),), robot=None, **options):
     return tdcr.follow_path(robot or three(), FREE, targets, limits, **options)
 
 

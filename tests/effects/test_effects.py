@@ -263,9 +263,8 @@ def test_a_search_tries_misplaced_channels_on_bodies_without_disks_and_else_angl
     own = soft.with_robot(disks=two.disks, tendons=(*two.tendons, replace(two.tendons[0], name="c")))
     (angles,) = effect("misplaced_channels").forms(own)
     turned = angles.apply(own, {"angle_b": math.radians(10.0), "angle_c": math.radians(-20.0)}).robot
-    for tendon, angle in zip(turned.tendons, (0.0, 130.0, -20.0), strict=True):
-        there = 6e-3 * np.array([math.cos(math.radians(angle)), math.sin(math.radians(angle))])
-        np.testing.assert_allclose(turned.holes(tendon), np.tile(there, (6, 1)), atol=1e-15)
+    there = [turned.holes(t) @ [1.0, 1.0j] for t in turned.tendons]
+    np.testing.assert_allclose(np.angle(there, deg=True).T, np.tile([0.0, 130.0, -20.0], (6, 1)), atol=1e-12)
 
 
 # ------------------------------------------------------------------------------------------------ from files

@@ -205,12 +205,11 @@ def test_what_is_refused_leaves_the_estimator_as_it_was(reading, loads):
 def test_the_force_acts_also_where_round_off_moves_the_node_that_carries_it():
     """Without a word it did not act where a node was an ulp from its arc length, and no frame met its readings."""
     length = 0.20697354820650066  # the last of twelve disks is at 0.20697354820650063
-    robot = replace(rod(), disks=tdcr.Disks.equally_spaced(12, length, radius=0.012), tendons=())
-    robot = replace(robot, backbone=replace(robot.backbone, length=length))
+    robot = tdcr.Robot(replace(rod().backbone, length=length), tdcr.Disks.equally_spaced(12, length))
     step = tdcr.LoadStep(loads={"push": tdcr.Load(length, (0.05, 0.0, 0.0))}, time=0.0)
     tip = tdcr.simulate(robot, model(), [step]).steps[-1].tip
-    own = tdcr.Estimator(robot, model(), tdcr.LoadPrior(sigma=0.05), tdcr.InputPrior(sigma=0.01))
-    frame = own.step(tdcr.LoadStep(time=0.0), read(np.random.default_rng(1), tip, length, 1e-5))
+    readings = read(np.random.default_rng(1), tip, length, 1e-5)
+    frame = estimator(robot=robot).step(tdcr.LoadStep(time=0.0), readings)
     np.testing.assert_allclose(frame.force[:2], [0.05, 0.0], atol=2e-3)
 
 

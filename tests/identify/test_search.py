@@ -412,10 +412,8 @@ def test_sensors_read_too_much_by_a_factor_a_constant_or_a_drift():
     readings = tuple(Reading(n, quantity, place, 1.0, 0.1) for n in data.step_ids for quantity, place in at)
     problem = problem_of(replace(data, readings=readings))
     run, causes = causes_of(problem)
-    read, share = (
-        problem.readings.read(run, problem.experiment).reshape(-1, 3),
-        np.arange(1.0, 12.0)[:, None] / 11.0,
-    )
+    read = problem.readings.read(run, problem.experiment).reshape(-1, 3)
+    share = np.arange(1.0, 12.0)[:, None] / 11.0
     for name, values, expected in (
         ("scale of the readings of curvature", {"scale": 0.06}, 0.06 * read * [1, 0, 0]),
         ("scale of the readings of base_tension", {"scale": 0.1}, 0.1 * read * [0, 1, 1]),
@@ -490,9 +488,8 @@ def test_a_disk_slips_and_a_longer_bay_takes_all_beyond_it_along_with_the_marker
         moved = causes[name].apply(problem.experiment, values)
         np.testing.assert_allclose(moved.robot.bay_edges, edges + along, atol=1e-12)
         seen, markers = moved.observation, problem.experiment.observation.markers
-        assert seen.declared == markers and seen.markers == pytest.approx(
-            np.interp(markers, edges, edges + along)
-        )
+        assert seen.declared == markers
+        assert seen.markers == pytest.approx(np.interp(markers, edges, edges + along))
     with np.errstate(divide="raise"):  # no element is predicted without length
         assert problem.run([Job(moved, evaluate(problem, (), {}).run.trajectories)])[0].solved
 

@@ -163,13 +163,14 @@ def test_readings_without_positions_are_drawn_over_the_steps():
 
 
 #: Verdicts whose line names no effect.
-NO_NAMES = ("nothing missing", "unexplained")
 
 
 @pytest.mark.parametrize("verdict", LEVELS)
 def test_every_verdict_has_a_line(verdict):
     line = sentences(result(GRAVITY, verdict=verdict))[0]
-    assert re.fullmatch(r"\w.+\.", line) and ("gravity" in line) == (verdict not in NO_NAMES)
+    assert re.fullmatch(r"\w.+\.", line) and ("gravity" in line) == (
+        verdict not in ("nothing missing", "unexplained")
+    )
 
 
 # ------------------------------------------------------------------------------------------------ the 3D panel

@@ -72,7 +72,6 @@ def test_the_other_side_of_a_buckled_rod_is_a_jump():
 
 
 COLUMN = Robot(BACKBONE, Disks.equally_spaced(13, LENGTH), ())
-UP = (0.0, 0.0, -9.81)
 
 
 @pytest.mark.parametrize("tension", [0.35, 0.5])
@@ -111,7 +110,7 @@ def test_a_round_column_that_has_buckled_is_not_reported(fraction: float) -> Non
 def test_a_heavy_tip_on_an_upright_robot_is_reported(fraction: float, expected: bool) -> None:
     light = paper().with_backbone(density=0.0).with_disks(mass=0.0)
     robot = replace(light, tip_mass=fraction * EULERS_LOAD / 9.81)
-    assert unstable(robot, Model(friction="none", gravity=UP), [LoadStep()]) is expected
+    assert unstable(robot, Model(friction="none", gravity=(0.0, 0.0, -9.81)), [LoadStep()]) is expected
 
 
 def test_own_weight_and_a_load_at_mid_span_compress_what_is_below() -> None:
