@@ -162,9 +162,6 @@ def test_readings_without_positions_are_drawn_over_the_steps():
     assert "rms error of the angles is 1.15 deg; the noise alone gives 0.573 deg" in plain(render(found))
 
 
-#: Verdicts whose line names no effect.
-
-
 @pytest.mark.parametrize("verdict", LEVELS)
 def test_every_verdict_has_a_line(verdict):
     line = sentences(result(GRAVITY, verdict=verdict))[0]
