@@ -212,8 +212,9 @@ def with_effects_in(data, folder, text):
     return folder
 
 
-ROWS = {name: ", ".join(f"{k} = {v}" for k, v in values.items()) for name, values in DECLARED.items()}
-TEXT = "\n".join(f"{name} = {{ {row} }}" for name, row in ROWS.items())
+TEXT = "\n".join(
+    f"{name} = {{ {', '.join(f'{k} = {v}' for k, v in x.items())} }}" for name, x in DECLARED.items()
+)
 
 
 def test_what_is_declared_is_part_of_the_declared_model_and_goes_through_the_files(data, tmp_path):

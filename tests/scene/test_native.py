@@ -199,12 +199,11 @@ def test_elastic_tendons_have_the_displacements_of_their_drives_in_any_shape(hys
 # ---------------------------------------------------------------- recommended settings
 
 THICK = Disks.equally_spaced(13, LENGTH, mass=0.17e-3, radius=5e-3, thickness=4e-3)
-DAMPED = replace(BACKBONE, retardation_time=1e-2)
 #: Robots by what is special about them, and arguments of the model.
 ROBOTS = {
     "thick disks": (seven(0.3, disks=THICK), {}),
     "one tendon": (single(0.3), {}),
-    "thick disks, damped": (seven(0.3, disks=THICK, backbone=DAMPED), {}),
+    "thick disks, damped": (seven(0.3, disks=THICK, backbone=replace(BACKBONE, retardation_time=1e-2)), {}),
     "elastic tendons": (seven(0.3, axial_stiffness=400.0), {}),
     "continuous": (seven(0.0), {"tendon_path": "continuous", "friction": "none"}),
     "per tendon": (seven(0.3), {"friction": "per-tendon"}),

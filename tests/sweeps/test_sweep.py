@@ -93,6 +93,11 @@ def curvature(result):
     return {"chord": float(np.linalg.norm(result.steps[-1].tip)), "steps": len(result.steps)}
 
 
+def reserved(result):
+    """A name that is taken."""
+    return {"tip_x": 0.0}
+
+
 def unlucky(result):
     """Ends its process for one case, and raises for another."""
     tension = result.steps[-1].base_tensions[0]
@@ -107,7 +112,7 @@ def test_a_function_of_ones_own_adds_columns(tmp_path):
     result = tdcr.sweep(write_files(tmp_path), executor=InProcess(), evaluate=curvature)
     tips = result.cases[["tip_x", "tip_y", "tip_z"]].to_numpy()
     assert np.allclose(result.cases["chord"], np.linalg.norm(tips, axis=1), rtol=1e-14)
-    taken = tdcr.sweep(write_files(tmp_path), executor=InProcess(), evaluate=lambda result: {"tip_x": 0.0})
+    taken = tdcr.sweep(write_files(tmp_path), executor=InProcess(), evaluate=reserved)
     assert taken.counts == {"error": 6} and "name of another column" in taken.cases["reason"][0]
     with pytest.raises(TypeError, match="function of a module"):
         tdcr.sweep(write_files(tmp_path), executor=InProcess(), evaluate=lambda result: {})
