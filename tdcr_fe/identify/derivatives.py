@@ -214,10 +214,11 @@ class _Part:
         if self.action is None:
             return experiment
         bare, acted = self._bare, self.experiment.steps
-        if experiment.steps is bare.steps:
+        moved = experiment.robot.bay_ends != bare.robot.bay_ends  # and with the bays where it acts
+        if experiment.steps is bare.steps and not moved:
             return replace(experiment, steps=acted)
         pairs = list(zip(experiment.steps, bare.steps, strict=False))
-        if experiment.ends != bare.ends or any(a is not b and a.loads != b.loads for a, b in pairs):
+        if moved or experiment.ends != bare.ends or any(a is not b and a.loads != b.loads for a, b in pairs):
             return bay_state.with_action(experiment, self.action)
         each = zip(pairs, acted, strict=True)
         return replace(
