@@ -31,7 +31,7 @@ from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.friction import ForceDependentFriction, FrictionCoefficient, StribeckFriction
 from tdcr_fe.model.loading import Load
 from tdcr_fe.model.robot import Robot, Tendon, TightHole
-from tdcr_fe.model.routing import PointsRouting
+from tdcr_fe.model.routing import MisplacedRouting, PointsRouting
 from tdcr_fe.solve.sensitivities.parameters import with_arc_lengths
 
 if TYPE_CHECKING:
@@ -330,18 +330,17 @@ def _with_holes(
 ) -> Experiment:
     """With the holes of tendons in some disks elsewhere, the first of which is the base plate."""
     tendons, robot = [], experiment.robot
-
-    def along(name: str, null: float, s: Array) -> Array:
-        both = [values.get(f"{name}_{end}", values.get(name, null)) for end in _ENDS]
-        return np.asarray(np.interp(s, s[[0, -1]], both))
-
+    null = {"factor": 1.0, "angle": 0.0}
+    numbers = {
+        f"{n}_{end}": values.get(f"{n}_{end}", values.get(n, x)) for n, x in null.items() for end in _ENDS
+    }
     for t in robot.tendons:
         if t.name in names:
-            s, holes = robot.hole_arc_lengths(t), robot.holes(t) @ [1.0, 1.0j]
-            turned = holes * along("factor", 1.0, s) * np.exp(1.0j * along("angle", 0.0, s))
-            holes[disks] = turned[disks] + complex(values.get("x", 0.0), values.get("y", 0.0))
-            points = zip(holes.real.tolist(), holes.imag.tolist(), strict=True)
-            t = replace(t, routing=PointsRouting(tuple(s.tolist()), tuple(points)))
+            s, holes = robot.hole_arc_lengths(t), robot.holes(t).copy()
+            moved = MisplacedRouting(t.routing, **numbers).position(s[disks], float(s[-1]))
+            holes[disks] = moved + np.array([values.get("x", 0.0), values.get("y", 0.0)])
+            points = tuple((x, y) for x, y in holes.tolist())
+            t = replace(t, routing=PointsRouting(tuple(s.tolist()), points))
         tendons.append(t)
     return experiment.with_robot(tendons=tuple(tendons))
 
