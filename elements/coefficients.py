@@ -57,29 +57,46 @@ def normal_forces(tension: Array, angles: Array) -> Array:
     return np.asarray((tension[:, :-1] + tension[:, 1:]) * np.sin(0.5 * angles))
 
 
-def evaluate_laws(
-    laws: Sequence[CoefficientLaw | None], constant: Array, mask: Flags, normal: Array, rate: Array
-) -> Coefficients:
-    """Coefficients of all holes.
+#: Laws of coefficients, and which holes follow each of them, shape (m, n-1).
+HolesByLaw = list[tuple[CoefficientLaw, Flags]]
+
+
+def holes_by_law(laws: Sequence[CoefficientLaw | None], mask: Flags) -> HolesByLaw:
+    """Every law once, with its holes.
 
     Parameters
     ----------
     laws
         One for each tendon; None is a constant coefficient.
-    constant
-        Coefficients of holes that follow no law [1], shape (m, n-1).
     mask
         Which holes follow the law of their tendon, shape (m, n-1).
+    """
+    distinct: list[CoefficientLaw] = []  # no dictionary: the law of a user may have no hash
+    number = np.full(len(laws), -1)
+    for i, law in enumerate(laws):
+        if law is not None:
+            if law not in distinct:
+                distinct.append(law)
+            number[i] = distinct.index(law)
+    return [(law, mask & (number == k)[:, None]) for k, law in enumerate(distinct)]
+
+
+def evaluate_laws(laws: HolesByLaw, constant: Array, normal: Array, rate: Array) -> Coefficients:
+    """Coefficients of all holes.
+
+    Parameters
+    ----------
+    laws
+        With the holes that follow them.
+    constant
+        Coefficients of the other holes [1], shape (m, n-1).
     normal, rate
         Normal forces [N] and slip rates [m/s], shape (m, n-1).
     """
     found = Coefficients(constant.copy(), np.zeros_like(constant), np.zeros_like(constant))
-    for i, law in enumerate(laws):
-        if law is None or law in laws[:i]:
-            continue
-        k = mask & np.array([own == law for own in laws])[:, None]
-        for target, values in zip(found, law.coefficient(normal[k], rate[k]), strict=True):
-            target[k] = values
+    for law, holes in laws:
+        for target, values in zip(found, law.coefficient(normal[holes], rate[holes]), strict=True):
+            target[holes] = values
     return found
 
 

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -31,8 +32,10 @@ from tdcr_fe.elements.coefficients import (
     MAX_ITERATIONS,
     CoefficientLaw,
     Coefficients,
+    HolesByLaw,
     Linearisation,
     evaluate_laws,
+    holes_by_law,
     normal_forces,
     solve_coefficients,
     tension_derivatives,
@@ -73,6 +76,11 @@ class TendonParameters:
     def material(self) -> Array:
         """Length of every segment's tendon without tension, where the displacement at the base is zero [m], (m, n)."""
         return self.lengths / (1.0 + self.compliance * self.pretension)[:, None]
+
+    @cached_property
+    def by_law(self) -> HolesByLaw:
+        """Laws of coefficients, each once, with the holes that follow it."""
+        return holes_by_law(self.laws, self.follows)
 
 
 @dataclass(frozen=True)
@@ -305,7 +313,7 @@ class TendonLaw:
             Shape (m, g).
         """
         p, along = self.parameters, self.at_holes((rate * mobilisation > 0.0).astype(float))
-        found = evaluate_laws(p.laws, p.friction, p.follows, normal, self.at_holes(rate) * along)
+        found = evaluate_laws(p.by_law, p.friction, normal, self.at_holes(rate) * along)
         return found._replace(by_rate=found.by_rate * along)
 
     def _field_with_laws(
