@@ -16,6 +16,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from statistics import fmean
 from typing import NamedTuple, TypeGuard
 
@@ -452,18 +453,20 @@ def other_forms(state: SearchState) -> list[tuple[Effect, ...]]:
     """The best model with one cause in a form of more numbers, or in that form of fewer which promises most.
 
     Or with a number of all in place of those of each, and the other way. A cause without a name that acts somewhere may
-    act everywhere.
+    act everywhere, and every cause at the place before or after: to first order, a cord at the tip came fifth.
     """
     best, found = state.best, []
     for e in best.effects:
         mine = {p.name for p in e.parameters}
         forms = {f: {p.name for p in f.parameters} for f in state.dictionary if f.law == e.law}
+        places = [f for f, own in forms.items() if own == mine]
         larger = [f for f, own in forms.items() if own > mine or (not own & mine and len(own) != len(mine))]
         smaller = [f for f, own in forms.items() if own < mine]
         if smaller:
             larger.append(min(smaller, key=lambda f: _cost_without(state.problem, best, e, mine - forms[f])))
         if isinstance(e, Cause) and e.everywhere not in best.names:
             larger += [f for f in state.dictionary if f.name == e.everywhere]
+        larger += [f for f, g in (*pairwise(places), *pairwise(places[::-1])) if g.name == e.name]
         found += [tuple(f if x is e else x for x in best.effects) for f in larger]
     return found
 
@@ -484,7 +487,8 @@ def _in_best_forms(state: SearchState) -> SearchState:
         lowest, new = min(ranks, key=lambda x: x[0], default=(math.inf, state.best))
         if not lowest < criteria.rank(state.problem, state.best):
             return state
-        text = f"{new.title} in place of {state.best.title}: as many numbers as needed"
+        why = "it explains more" if len(new.free) == len(state.best.free) else "as many numbers as needed"
+        text = f"{new.title} in place of {state.best.title}: {why}"
         state = replace(state, best=new).with_history(text)
 
 
