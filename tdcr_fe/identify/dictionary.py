@@ -346,9 +346,9 @@ def _with_holes(
 
 
 def _shift(robot: Robot) -> Numbers:
-    """Of holes in their plane, up to their largest distance from the backbone."""
+    """Of holes in their plane, as far as to the opposite side of the backbone: a tendon may be in the wrong hole."""
     offset = max(float(np.max(np.linalg.norm(robot.holes(t), axis=1))) for t in robot.tendons)
-    return tuple(number(a, "m", (-offset, offset), 0.0, 0.02 * offset) for a in "xy")
+    return tuple(number(a, "m", (-2.0 * offset, 2.0 * offset), 0.0, 0.02 * offset) for a in "xy")
 
 
 def _routings(problem: FitProblem) -> Iterator[Cause]:

@@ -121,7 +121,8 @@ def _shape_lines(axes: Axes, result: IdentificationResult) -> bool:
             axes.plot(*seen(markers).T, "x", color=colour, ms=4)
         _dots(axes, seen(np.where(axes_seen, s.measured[k], 0.0)), np.full(len(s.arc_lengths), s.held_out[k]))
         axes.annotate(f"step {result.data.step_ids[k]}", (side * float(offset[k]), float(tips[k, 2])),
-                      xytext=(0, 7), textcoords="offset points", ha="center", fontsize=8)  # fmt: skip
+                      xytext=(0, 9), textcoords="offset points", ha="center", fontsize=8,
+                      bbox={"fc": "white", "ec": "none", "alpha": 0.7, "pad": 1})  # fmt: skip
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(y=0.1)
     sides = "distance from the z axis [mm]" if len(steps) == 1 else "distance, to either side [mm]"

@@ -473,6 +473,8 @@ def test_one_hole_or_one_disk_is_moved_and_no_other_or_all_of_them():
         robot = cause.apply(problem.experiment, {**cause.null_values(problem.experiment), **values}).robot
         return [robot.holes(a) - ROBOT.holes(b) for a, b in zip(robot.tendons, ROBOT.tendons, strict=True)]
 
+    radius = np.linalg.norm(ROBOT.holes(ROBOT.tendons[0])[2])
+    assert causes["hole of t1" + at].parameters[0].lower == pytest.approx(-2.0 * radius)  # the opposite hole
     first, second = changed("hole of t1", x=-1e-3)
     np.testing.assert_allclose(first[2], (-1e-3, 0.0), atol=1e-12)
     assert not np.any(np.abs(np.delete(first, 2, axis=0)) > 1e-12) and not np.any(second)
