@@ -57,31 +57,9 @@ def normal_forces(tension: Array, angles: Array) -> Array:
     return np.asarray((tension[:, :-1] + tension[:, 1:]) * np.sin(0.5 * angles))
 
 
-#: Laws of coefficients, and which holes follow each of them, shape (m, n-1).
-HolesByLaw = list[tuple[CoefficientLaw, Flags]]
-
-
-def holes_by_law(laws: Sequence[CoefficientLaw | None], mask: Flags) -> HolesByLaw:
-    """Every law once, with its holes.
-
-    Parameters
-    ----------
-    laws
-        One for each tendon; None is a constant coefficient.
-    mask
-        Which holes follow the law of their tendon, shape (m, n-1).
-    """
-    distinct: list[CoefficientLaw] = []  # no dictionary: the law of a user may have no hash
-    number = np.full(len(laws), -1)
-    for i, law in enumerate(laws):
-        if law is not None:
-            if law not in distinct:
-                distinct.append(law)
-            number[i] = distinct.index(law)
-    return [(law, mask & (number == k)[:, None]) for k, law in enumerate(distinct)]
-
-
-def evaluate_laws(laws: HolesByLaw, constant: Array, normal: Array, rate: Array) -> Coefficients:
+def evaluate_laws(
+    laws: Sequence[tuple[CoefficientLaw, Flags]], constant: Array, normal: Array, rate: Array
+) -> Coefficients:
     """Coefficients of all holes.
 
     Parameters

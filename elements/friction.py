@@ -32,10 +32,8 @@ from tdcr_fe.elements.coefficients import (
     MAX_ITERATIONS,
     CoefficientLaw,
     Coefficients,
-    HolesByLaw,
     Linearisation,
     evaluate_laws,
-    holes_by_law,
     normal_forces,
     solve_coefficients,
     tension_derivatives,
@@ -78,9 +76,11 @@ class TendonParameters:
         return self.lengths / (1.0 + self.compliance * self.pretension)[:, None]
 
     @cached_property
-    def by_law(self) -> HolesByLaw:
+    def by_law(self) -> list[tuple[CoefficientLaw, Flags]]:
         """Laws of coefficients, each once, with the holes that follow it."""
-        return holes_by_law(self.laws, self.follows)
+        laws = [x for x in self.laws if x is not None]
+        distinct = [x for i, x in enumerate(laws) if x not in laws[:i]]  # they may have no hash
+        return [(x, self.follows & np.array([own == x for own in self.laws])[:, None]) for x in distinct]
 
 
 @dataclass(frozen=True)
