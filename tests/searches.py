@@ -73,6 +73,12 @@ def fitted(problem, *effects):
     return fit(problem, effects, {e.name: e.null_values(problem.experiment) for e in effects})
 
 
+def starting(problem, dictionary, *effects):
+    """A search whose best model has effects, fitted from their null values."""
+    best = fitted(problem, *effects)
+    return replace(state_of(problem).with_fit(best), best=best, dictionary=dictionary)
+
+
 def with_model(state, values):
     """The same with a model of effects at given values as the best one."""
     best = evaluate(state.problem, tuple(effect(name) for name in values), values)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from identify_data import BY_ROW, FRICTIONAL, GRAVITY, MODEL, ROBOT, data_of, measured, positions, sequence
 from scipy.signal import lfilter
-from searches import begun, causes_of, declared, fitted, problem_of, read_as_predicted, searching, state_of
+from searches import begun, causes_of, declared, problem_of, read_as_predicted, searching, starting, state_of
 
 from tdcr_fe import LoadStep, NonlinearMaterial, ParallelRouting, StribeckFriction, Tendon, effect, simulate
 from tdcr_fe.effects import Experiment
@@ -60,9 +60,8 @@ def test_a_hole_that_holds_fast_is_found_although_its_derivative_is_that_of_a_sm
 def test_causes_that_an_exchange_makes_unnecessary_are_dropped():
     """A blind set (precurvature and stiffness) ended with five effects, three of them of no size."""
     own = problem_of(measured({"precurvature": {"kappa_x": 0.8, "kappa_y": -0.5}}), held=(3, 7, 9))
-    wrong = fitted(own, effect("gravity"), effect("marker_offset"))
     named = tuple(filter(is_named, causes_of(own)[1].values()))
-    state = replace(state_of(own).with_fit(wrong), best=wrong, dictionary=named)
+    state = starting(own, named, effect("gravity"), effect("marker_offset"))
     last = exchange(searching(), exchange(searching(), state))
     assert last.best.names == ("precurvature",)
     done = own.forward.runs
@@ -77,8 +76,7 @@ def test_a_cause_has_as_many_numbers_as_the_data_support(hidden, number):
     sigma = 5e-4  # above the error of the mesh
     own = problem_of(measured({"actuator_gain": hidden}, sigma=sigma), sigma=sigma)
     whole, *_, each, first, second = effect("actuator_gain").forms(own.experiment)
-    begun = fitted(own, second if number else each)
-    state = replace(state_of(own).with_fit(begun), best=begun, dictionary=(whole, each, first, second))
+    state = starting(own, (whole, each, first, second), second if number else each)
     last = backward_selection(searching(), state)
     (found,) = last.best.effects
     assert found is {("gain",): whole, ("gain_t2",): second}.get(tuple(hidden), each)
@@ -141,9 +139,7 @@ def test_a_cause_that_was_found_in_some_bays_acts_everywhere_where_the_data_say_
     values = {whole.name: {"coefficient": 10.0 * whole.parameters[0].scale}}
     (true,) = linearize(problem, [Request((whole,), values, ())])
     own = problem_of(read_as_predicted(problem, true.residual))
-    begun = fitted(own, part)
-    state = replace(state_of(own).with_fit(begun), best=begun, dictionary=(whole, part))
-    last = backward_selection(searching(), state)
+    last = backward_selection(searching(), starting(own, (whole, part), part))
     assert last.best.names == (BY_ROW,)
     assert last.best.values == {whole.name: pytest.approx(values[whole.name], rel=1e-2)}
 
@@ -152,9 +148,8 @@ def test_a_cause_moves_to_the_place_where_it_explains_more():
     """A cord at the tip was taken to act on the disk below, where the fifth of five places was not fitted."""
     bays = tuple(effect("soft_bay").at({"s": s}) for s in (0.025, 0.075, 0.125, 0.175))
     own = problem_of(measured({"soft_bay": {"s": 0.125, "factor": 0.5}}))
-    begun = fitted(own, bays[0])
-    state = replace(state_of(own).with_fit(begun), best=begun, dictionary=bays)
-    assert backward_selection(searching(), state).best.names == (bays[2].name,)
+    last = backward_selection(searching(), starting(own, bays, bays[0]))
+    assert last.best.names == (bays[2].name,)
 
 
 def test_one_hole_of_one_tendon_may_be_rougher():
