@@ -24,9 +24,12 @@ from tdcr_fe.estimate.response import Response, plastic_slips
 from tdcr_fe.estimate.uncertain import UncertainEffects
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import Actuation, Load, LoadStep, Model, SolverSettings, resolve
+from tdcr_fe.model.messages import shown
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.schema import check_instance
+from tdcr_fe.model.schema import FieldError, check_instance
+from tdcr_fe.scene.mesh import build_mesh
 from tdcr_fe.solve.load_steps.load_path import LoadStepReport, Position
+from tdcr_fe.solve.sensitivities.robot_model import load_positions
 from tdcr_fe.solve.simulation import Simulation, one_thread
 
 #: Substeps of a frame, where its step does not say: the path within a frame is not resolved. The first frame takes the
@@ -84,7 +87,7 @@ class Estimator:
         if model.elements_per_bay == "auto":
             model = replace(model, elements_per_bay=1)
         if model.hysteresis != "elastic-plastic":
-            raise ValueError(f"Estimator: model.hysteresis = {model.hysteresis!r}; must be 'elastic-plastic'")
+            raise FieldError("model.hysteresis", shown(model.hysteresis), "must be 'elastic-plastic'")
         length = robot.backbone.length
         load.check(length)
         self.load, self.inputs = load, inputs
@@ -92,15 +95,14 @@ class Estimator:
         places, uncertain = [length if isinstance(load.at, str) else load.at], uncertain or ParameterPrior()
         if load.at == "unknown":
             own = with_effects(Experiment(robot, model, known), uncertain.effects)
-            handle = Simulation(own.robot, own.model, resolve(own.robot, own.steps)).handle
-            places = [float(s) for s in handle.mesh.arc_lengths[1:]]
+            places = build_mesh(own.robot, own.model, load_positions(own))[0].arc_lengths[1:].tolist()
         steps = (*known, LoadStep(loads={name_at(s): Load(at=s) for s in places}))
         effects = UncertainEffects(Experiment(robot, model, steps), uncertain)
         # Uniform along the body where it is unknown.
         of_place = length / np.sqrt(12.0) if load.at == "unknown" else 0.0
         of_load, of_inputs = np.repeat((load.sigma, load.sigma_moment), 3), inputs.sigmas(robot.tendon_names)
         given = settings or SolverSettings(tolerance=TOLERANCE), observation or Observation()
-        self._problem = problem = Problem.of(effects, *given, places, of_inputs)
+        self._problem = problem = Problem(effects, *given, places, of_inputs)
         law = problem.simulation.handle.actuation.law
         of_slips = np.zeros(np.count_nonzero(law.frictional))
         of_others = np.concatenate((of_load, [of_place], of_inputs, of_slips))

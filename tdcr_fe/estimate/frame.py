@@ -62,35 +62,34 @@ class Problem:
     """The robot and where its load may act."""
 
     effects: UncertainEffects
-    simulation: Simulation  # With the effects at their present values
+    settings: SolverSettings
     observation: Observation
-    # Arc lengths that may carry the load [m], and their nodes; several, base plate left out, where it is unknown
+    # Arc lengths that may carry the load [m]; several, base plate left out, where it is unknown
     places: Sequence[float]
-    loaded: Index
     input_sigmas: Array  # (m,): Standard deviations of the inputs
-    explicit: ExplicitDerivatives  # By the parameters whose errors are among the unknowns
 
-    @classmethod
-    def of(
-        cls,
-        effects: UncertainEffects,
-        settings: SolverSettings,
-        observation: Observation,
-        places: Sequence[float],
-        input_sigmas: Array,
-    ) -> Problem:
-        """Of a robot whose steps name all loads; ``places``: arc lengths that may carry the estimated one [m]."""
-        own = effects.experiment
-        simulation = Simulation(own.robot, own.model, resolve(own.robot, own.steps), settings)
-        loaded = np.array([simulation.handle.mesh.node_at(s, 1e-6) for s in places])
-        explicit = effects.derivatives(simulation.handle)
-        return cls(effects, simulation, observation, places, loaded, input_sigmas, explicit)
+    @cached_property
+    def simulation(self) -> Simulation:
+        """With the effects at their present values."""
+        own = self.effects.experiment
+        return Simulation(own.robot, own.model, resolve(own.robot, own.steps), self.settings)
+
+    @cached_property
+    def loaded(self) -> Index:
+        """Nodes that may carry the load."""
+        return np.array([self.simulation.handle.mesh.node_at(s, 1e-6) for s in self.places])
+
+    @cached_property
+    def explicit(self) -> ExplicitDerivatives:
+        """By the parameters whose errors are among the unknowns."""
+        return self.effects.derivatives(self.simulation.handle)
 
     def with_effects(self, effects: UncertainEffects) -> Problem:
         """With effects at other values, without the warnings on these."""
-        given = self.simulation.settings, self.observation, self.places, self.input_sigmas
+        found = replace(self, effects=effects)
         with warnings_to():
-            return Problem.of(effects, *given)
+            _ = found.explicit
+        return found
 
     @property
     def s(self) -> Array:
@@ -410,7 +409,9 @@ class Solved:
         errors = np.hstack((by[:, history] * as_slip, by[:, inputs] * as_input))
         errors = errors[:, errors.any(axis=0)]
         weights = np.hstack((by, errors))
-        wider = posterior_covariance(block_diag(prior, np.eye(errors.shape[1])), likely._of_frame[1] @ weights)
+        wider = posterior_covariance(
+            block_diag(prior, np.eye(errors.shape[1])), likely._of_frame[1] @ weights
+        )
         return likely.by_node.combined(weights), wider
 
     def _change_to(self, frame: Frame, unknowns: Array) -> Array:

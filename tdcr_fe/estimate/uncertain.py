@@ -10,6 +10,7 @@ import numpy as np
 from tdcr_fe.effects import Experiment, Parameter, effect, with_effects
 from tdcr_fe.elements import Array
 from tdcr_fe.estimate.description import ParameterPrior
+from tdcr_fe.model.schema import FieldError
 from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter, effect_parameter
 from tdcr_fe.solve.sensitivities.robot_model import ExplicitDerivatives
@@ -74,15 +75,18 @@ class UncertainEffects:
 
         Raises
         ------
-        ValueError
-            A number changes neither robot nor model, or decides whether a hole has friction.
+        FieldError
+            There are none by a number, it changes neither robot nor model, or decides whether a hole has friction.
         """
-        present, near = models_around(handle, self.experiment, self._chosen)
+        try:
+            present, near = models_around(handle, self.experiment, self._chosen)
+        except ValueError as error:
+            raise FieldError("uncertain", "", str(error).removeprefix("sensitivities: ")) from error
         frictional = present.forces.law.frictional
-        for number, p in enumerate(self._chosen):
+        for number, name in enumerate(self.prior.names):
             models = near[number].models
             if all(model is present for model in models):
-                raise ValueError(f"{p.name} is uncertain; must be a number of the robot or the model")
+                raise FieldError(f"uncertain.{name}", "", "must be a number of the robot or the model")
             if any(not np.array_equal(m.forces.law.frictional, frictional) for m in models):
-                raise ValueError(f"{p.name} is uncertain; must not decide whether there is friction")
+                raise FieldError(f"uncertain.{name}", "", "must not decide whether there is friction")
         return ExplicitDerivatives(present, near, len(self._chosen))
