@@ -3,19 +3,19 @@
 from argparse import Namespace
 from dataclasses import replace
 from functools import partial
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 from robots import routed
 from rod import Truth
+from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 import tdcr_fe as tdcr
 from tdcr_fe import Spool, StepFailed
-from tdcr_fe.elements.drives import TendonDrives
 from tdcr_fe.estimate.frame import Frame
 from tdcr_fe.estimate.most_probable import posterior_covariance
-from tdcr_fe.model.loading import Actuation
 from tdcr_fe.validation.campaigns.estimate import LENGTH, RATE, model, read, readings_of, rod, run, squared
 
 
@@ -103,8 +103,7 @@ def test_neither_the_order_of_the_readings_nor_the_direction_of_the_x_axis_chang
     """Through the signs of eigenvectors forces were off by 0.9 standard deviations, and by 4 with curvatures."""
     truth, found = Truth(6, 1, friction=0.2), []
     for orders, turn in (([0, 1, 2],), 0.0), (([1, 2, 0], [2, 0, 1]), 0.0), (([0, 1, 2],), 37.0):
-        c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
-        turned, robot = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), rod(0.2)
+        turned, robot = Rotation.from_euler("z", turn, degrees=True).as_matrix(), rod(0.2)
         for t in robot.tendons:
             routing = replace(t.routing, angle_deg=t.routing.angle_deg + turn)
             robot = robot.with_tendons([t.name], routing=routing)
@@ -126,21 +125,20 @@ def test_noise_of_the_inputs_does_not_let_holes_reverse():
     rng, names = np.random.default_rng(2), rod().tendon_names
     inputs = tdcr.InputPrior(sigma=0.01, correlation_time=0.0)
     own = estimator(friction=0.2, load=tdcr.LoadPrior(sigma=1e-4), inputs=inputs)
-    truth = tdcr.Simulation(rod(0.2), model(0.2), [])
-    pulled, wrong = 0.3 + 0.004 * np.arange(50), []
-    for k, tension in enumerate(pulled):
-        truth.advance(Actuation(TendonDrives.by_tension(4), np.array([tension, 0.1, 0.1, 0.1])))
-        readings = read(rng, truth.state.configuration.poses[0][0][-1])
-        read_tensions = np.array([tension, 0.1, 0.1, 0.1]) + 0.01 * rng.standard_normal(4)
-        step = tdcr.LoadStep(tensions=dict(zip(names, read_tensions.tolist(), strict=True)), time=k / RATE)
-        wrong.append(np.mean(np.array(own.step(step, readings).result.hole_states[0][:-1]) == "release"))
+    pulls, wrong = np.full((50, 4), 0.1), []
+    pulls[:, 0] = 0.3 + 0.004 * np.arange(50)
+    named = (dict(zip(names, p.tolist(), strict=True)) for p in pulls)
+    steps = [tdcr.LoadStep(tensions=x, time=k / RATE) for k, x in enumerate(named)]
+    for step, tip in zip(steps, tdcr.simulate(rod(0.2), model(0.2), steps).tips, strict=True):
+        noisy = {name: x + 0.01 * rng.standard_normal() for name, x in step.tensions.items()}
+        frame = own.step(replace(step, tensions=noisy), read(rng, tip))
+        wrong.append(np.mean(np.array(frame.result.hole_states[0][:-1]) == "release"))
     assert np.mean(wrong[5:]) < 0.05
 
 
 @pytest.mark.parametrize(
     ("prior", "kept", "added"),
     [({"correlation_time": 0.5}, np.exp(-1.0), 1.0 - np.exp(-2.0)), ({"random_walk": 2.0}, 1.0, 0.5 * 2.0**2)],
-    ids=["correlation time", "random walk"],
 )  # fmt: skip
 def test_half_a_second_without_readings_forgets_the_force_or_keeps_it_and_spreads(prior, kept, added):
     truth = Truth(1, 5)
@@ -217,12 +215,10 @@ def test_the_force_acts_also_where_round_off_moves_the_node_that_carries_it():
 def test_the_place_of_a_force_is_found_where_markers_show_it(place):
     """A force at a disk; nine markers and tensions known well."""
     at = (place + 1) * LENGTH / 9.0
-    truth = Truth(4, 2, at=at, force=(0.02, 0.08, -0.03))
-    rng = np.random.default_rng(3)
+    truth, rng = Truth(4, 2, at=at, force=(0.02, 0.08, -0.03)), np.random.default_rng(3)
     own = estimator(load=tdcr.LoadPrior(at="unknown", sigma=0.1), inputs=tdcr.InputPrior(sigma=0.002))
-    markers = tuple(truth.s[1:])
     for k in range(4):
-        frame = own.step(truth.drawn.step(truth.tensions, k), truth.positions(rng, k, markers))
+        frame = own.step(truth.drawn.step(truth.tensions, k), truth.positions(rng, k, truth.s[1:]))
     assert not frame.message
     assert abs(frame.at - at) < 0.05 * LENGTH
     assert abs(frame.at - at) < 4.0 * frame.sigma_at
@@ -252,11 +248,8 @@ def test_a_frame_without_solution_keeps_the_state_and_the_run_goes_on(monkeypatc
     rng, own = np.random.default_rng(1), estimator()
     first = own.step(truth.command(0), truth.positions(rng, 0))
     with monkeypatch.context() as broken:
-
-        def fail(*args, **kwargs):
-            raise StepFailed("no", 0.0, 1.0, own.simulation.state, 1)
-
-        broken.setattr(own.simulation, "advance", fail)
+        failure = StepFailed("no", 0.0, 1.0, own.simulation.state, 1)
+        broken.setattr(own.simulation, "advance", Mock(side_effect=failure))
         second = own.step(truth.command(1), truth.positions(rng, 1))
     assert second.message and not second.result.converged
     np.testing.assert_array_equal(second.tip, first.tip)
@@ -353,16 +346,14 @@ def test_stiffness_and_friction_that_are_not_known_exactly_are_found_along_with_
     assert not found.not_solved
 
 
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("actuator_gain.gain", "number of the robot or the model"),
-        ("friction_coefficient.mu", "there is friction"),
-    ],
-)
-def test_an_uncertain_number_is_one_of_the_robot_and_leaves_friction_on_or_off(name, words):
-    with pytest.raises(ValueError, match=words):
-        estimator(uncertain=tdcr.ParameterPrior.independent({name: 0.1}))
+def test_an_uncertain_number_is_one_of_the_robot_and_leaves_friction_on_or_off():
+    refused = {
+        "actuator_gain.gain": "number of the robot or the model",
+        "friction_coefficient.mu": "there is friction",
+    }
+    for name, words in refused.items():
+        with pytest.raises(ValueError, match=words):
+            estimator(uncertain=tdcr.ParameterPrior.independent({name: 0.1}))
 
 
 def test_a_force_that_stays_is_known_in_all_frames_from_the_readings_of_the_last():
