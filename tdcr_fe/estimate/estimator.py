@@ -146,7 +146,8 @@ class Estimator:
         Returns
         -------
         Estimate
-            Where no state was found, that of the frame before, and a message.
+            Where the readings are not met, the state without them, or where there is none that of the frame before, and
+            a message.
 
         Raises
         ------
@@ -181,27 +182,33 @@ class Estimator:
         return replace(found, result=result, milliseconds=1e3 * (time.perf_counter() - begun))
 
     def _estimated(self, frame: Frame) -> Estimate:
-        """The estimate of a frame, which the estimator takes for its state; the last state where there is none."""
+        """The estimate of a frame, which the estimator takes for its state.
+
+        Where its readings are not met, that without them; where no load step leads there, the last state.
+        """
         kept, mean, covariance = self._prior(frame)
-        read, held = len(frame.readings) > 0, self._problem.at_given_place(covariance)[1]
-        of_volume = self._volume.pull(held) if read else np.zeros(len(mean))
-        mean = mean + held @ of_volume
+        held = self._problem.at_given_place(covariance)[1]
+        of_volume = self._volume.pull(held) if frame.readings else np.zeros(len(mean))
         last = self._last
         if last is not None and last.frame.commands.drives.kinds != frame.commands.drives.kinds:
             last = None
-        found = frame.most_probable(mean, covariance, last)
+        found = frame.most_probable(mean + held @ of_volume, covariance, last)
         if found is None or not found.converged:
             message = "no load step towards the frame has a solution"
             if found is not None:
                 message = f"the readings are not met (misfit {found.misfit:.3g}): wrong axes, signs or units?"
             self.simulation.return_to(frame.start)
+            if frame.readings:
+                predicted = self._estimated(replace(frame, readings=()))
+                result = replace(predicted.result, converged=False)
+                return replace(predicted, result=result, misfit=np.nan, message=message)
             state = Solved.of(frame, self._mean, UNSOLVED)
-            return self._estimate(state, self._mean, state.response, self._covariance, np.nan, message)
+            return self._estimate(state, self._mean, state.response, covariance, np.nan, message)
         state, unknowns = found.point, found.unknowns
         jacobian, after = state.jacobian, posterior_covariance(covariance, state.jacobian)
         state, unknowns = self._at_present_values(state, unknowns, after)
         history = self._problem.history
-        for _ in range(STATES - found.states if read else 0):
+        for _ in range(STATES - found.states if frame.readings else 0):
             self._volume = self._volume.renewed(state, held)
         self.simulation.position = state.position
         if state is not found.point:

@@ -159,7 +159,7 @@ def _sentences(result: EstimateResult) -> list[str]:
     if text := result.contradiction:
         found.append(f"{text[0].upper()}{text[1:]}.")
     if result.failure:
-        found.append(f"{result.failure}. They have the state of the frame before.")
+        found.append(f"{result.failure}. They have the state without their readings.")
     if result.interrupted:
         found.append(f"Interrupted after {count(len(result.frames), 'frame')}.")
     return found

@@ -15,8 +15,8 @@ from tdcr_fe.estimate.description import Estimate, InputPrior, LoadPrior, Parame
 from tdcr_fe.estimate.estimator import Estimator
 from tdcr_fe.estimate.identified import NONE_IDENTIFIED, Effects, Identified, read_sigma
 from tdcr_fe.estimate.smoothing import smoothed
-from tdcr_fe.io.files import InputError, Problem, Reporter, read_all, refusal
-from tdcr_fe.io.measured import MeasuredData, first_checks, large_sigma, read_measured
+from tdcr_fe.io.files import Problem, Reporter, read_all, refusal
+from tdcr_fe.io.measured import MeasuredData, first_checks, read_measured
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.io.toml import read_toml
 from tdcr_fe.model.loading import Load, LoadStep, SolverSettings
@@ -41,7 +41,7 @@ TOP = Keys(
     {"load": LoadPrior(), "inputs": None, "identified": "", "uncertain": {}},
 )
 #: What is said where there is no such file.
-_LEAST = "; must have at least 'inputs = {sigma = 0.01}', the error of the inputs [N, m or rad]; see docs/estimate.md"
+_LEAST = "must have at least 'inputs = {sigma = 0.01}', the error of the inputs [N, m or rad]; see docs/estimate.md"
 
 #: Later frames whose readings at least count in the smoothed estimates; a frame takes 0.1 to 0.5 MB until then.
 WINDOW = 100
@@ -189,13 +189,10 @@ def read_estimation(folder: str | os.PathLike[str]) -> Estimation:
 
 def _read_priors(path: Path) -> dict[str, Any]:
     """Contents of ``estimate.toml``."""
+    if not path.exists():
+        raise refusal(path, f"no such file; {_LEAST}")
     reporter = Reporter(str(path))
-    try:
-        table, _ = read_toml(path)
-    except InputError as error:
-        more = "" if path.exists() else _LEAST
-        raise InputError(replace(p, allowed=p.allowed + more) for p in error.problems) from error
-    top, _ = TOP.read(table, "", reporter)
+    top, _ = TOP.read(read_toml(path)[0], "", reporter)
     reporter.refuse()
     return top
 
@@ -214,7 +211,7 @@ def _implausible_priors(estimation: Estimation) -> list[str]:
     errors = dict(zip(names, estimation.inputs.sigmas(names), strict=True))
     drives: dict[str, Any] = {d.inputs: {n: errors[n] for n in given} for d, given in data.steps[0].inputs()}
     load = Load(data.robot.backbone.length, (prior.sigma, 0.0, 0.0), (prior.sigma_moment, 0.0, 0.0))
-    found = [text] if (text := large_sigma(data, errors.values(), "estimate.toml")) else []
+    found = []
     for step in (LoadStep(loads={"expected": load}), LoadStep(**drives)):
         texts = plausibility(data.robot, data.model, [step]).warnings  # also of the robot
         for key, own in _JUDGED.items():
@@ -242,7 +239,8 @@ def run_estimation(
     data, experiment = estimation.data, estimation.experiment
     # The path within a frame is not resolved, so that a frame is not divided where backlash ends.
     steps = [experiment.steps[j] for j in experiment.whole_steps]
-    found = first_checks(replace(data, input_sigma=()))  # where those count, they are the prior
+    sigmas = estimation.inputs.sigmas(data.robot.tendon_names)
+    found = first_checks(replace(data, input_sigma=tuple(sigmas)), "estimate.toml")
     found[PlausibilityWarning] += _implausible_priors(estimation)
     for category, texts in found.items():
         issue(texts, category)

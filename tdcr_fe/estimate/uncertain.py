@@ -43,15 +43,10 @@ class UncertainEffects:
         known = ({p.name: p for p in effect(name).parameters_of(self.declared)} for name, _ in self._keys)
         return [own[key] for own, (_, key) in zip(known, self._keys, strict=True)]
 
-    @property
-    def coordinates(self) -> Array:
-        """Present values, shape (q,)."""
-        return np.array([p.value for p in self._chosen])
-
     def values(self, errors: Array) -> Array:
         """The numbers with their errors, shape (q,)."""
-        numbers = zip(self._parameters, self.coordinates + errors, strict=True)
-        return np.array([p.value(z) for p, z in numbers])
+        numbers = zip(self._parameters, self._chosen, errors, strict=True)
+        return np.array([p.value(now.value + error) for p, now, error in numbers])
 
     def sigmas(self, errors: Array, variances: Array) -> Array:
         """Standard deviations of `values` from the variances of the errors, shape (q,)."""
@@ -60,8 +55,8 @@ class UncertainEffects:
 
     def within_bounds(self, errors: Array) -> Array:
         """The errors that keep the numbers within their bounds, shape (q,)."""
-        numbers = zip(self._parameters, self.values(errors), strict=True)
-        return np.array([p.coordinate(np.clip(x, p.lower, p.upper)) for p, x in numbers]) - self.coordinates
+        numbers = zip(self._parameters, self._chosen, self.values(errors), strict=True)
+        return np.array([p.coordinate(np.clip(x, p.lower, p.upper)) - now.value for p, now, x in numbers])
 
     def moved(self, errors: Array) -> UncertainEffects:
         """At other values; the errors are within bounds."""

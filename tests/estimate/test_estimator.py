@@ -3,7 +3,7 @@
 from argparse import Namespace
 from dataclasses import replace
 from functools import partial
-from unittest.mock import Mock
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 import tdcr_fe as tdcr
-from tdcr_fe import Spool, StepFailed
 from tdcr_fe.estimate.frame import Frame
 from tdcr_fe.estimate.most_probable import posterior_covariance
 from tdcr_fe.validation.campaigns.estimate import LENGTH, RATE, model, read, readings_of, rod, run, squared
@@ -91,8 +90,7 @@ def test_a_moment_at_the_tip_is_found_where_it_is_asked_for():
     step = tdcr.LoadStep(tensions=dict.fromkeys(robot.tendon_names, 0.5), time=0.0)
     acting = tdcr.LoadStep(step.label, step.tensions, loads={"m": tdcr.Load(LENGTH, moment=moment)}, time=0.0)
     (solved,) = tdcr.simulate(robot, model(), [acting]).steps
-    load = tdcr.LoadPrior("tip", sigma=0.05, sigma_moment=0.01)
-    own = estimator(load=load, inputs=tdcr.InputPrior(sigma=1e-3))
+    own = estimator(load=tdcr.LoadPrior("tip", 0.05, sigma_moment=0.01), inputs=tdcr.InputPrior(sigma=1e-3))
     found = own.step(step, readings_of("markers", solved, robot.tendon_names, np.random.default_rng(0)))
     sigmas = np.sqrt(np.diagonal(found.moment_covariance))
     assert sigmas[1] < 2e-3
@@ -123,8 +121,7 @@ def test_neither_the_order_of_the_readings_nor_the_direction_of_the_x_axis_chang
 def test_noise_of_the_inputs_does_not_let_holes_reverse():
     """Tendons are pulled steadily, their tensions read with noise larger than their steps: holes keep being pulled."""
     rng, names = np.random.default_rng(2), rod().tendon_names
-    inputs = tdcr.InputPrior(sigma=0.01, correlation_time=0.0)
-    own = estimator(friction=0.2, load=tdcr.LoadPrior(sigma=1e-4), inputs=inputs)
+    own = estimator(friction=0.2, load=tdcr.LoadPrior(sigma=1e-4), inputs=tdcr.InputPrior(0.01, 0.0))
     pulls, wrong = np.full((50, 4), 0.1), []
     pulls[:, 0] = 0.3 + 0.004 * np.arange(50)
     named = (dict(zip(names, p.tolist(), strict=True)) for p in pulls)
@@ -153,7 +150,7 @@ def test_half_a_second_without_readings_forgets_the_force_or_keeps_it_and_spread
 
 def test_a_step_keeps_the_drives_that_it_does_not_name():
     """Tension, displacement and motor, each of another tendon; the second step names the tension alone."""
-    robot, exact = rod().with_tendons(spool=Spool(0.01)), tdcr.SolverSettings(tolerance=1e-6)
+    robot, exact = rod().with_tendons(spool=tdcr.Spool(0.01)), tdcr.SolverSettings(tolerance=1e-6)
     own = estimator(robot=robot, inputs=tdcr.InputPrior(sigma=1e-5), settings=exact)
     names = robot.tendon_names
     inputs = {"tensions": {names[0]: 0.1, names[3]: 0.2}, "displacements": {names[1]: 1e-3}}
@@ -180,22 +177,20 @@ def test_an_error_of_a_tension_is_none_of_the_displacement_that_is_given_next():
     np.testing.assert_allclose(wound.tensions, held.tensions, atol=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("reading", "loads"),
-    [
+def test_what_is_refused_leaves_the_estimator_as_it_was():
+    """After one NaN of a sensor, or a load that was not named, all frames were lost."""
+    own, other = estimator(), estimator()
+    refused = (
         (("position_x", LENGTH, float("nan"), 1e-4), {}),
         (("position_x", LENGTH, 0.0, 0.0), {}),
         (("position_x", "helix", 0.0, 1e-4), {}),
         (("base_tension", LENGTH, 0.3, 1e-2), {}),
         (("position_x", LENGTH, 0.0, 1e-4), {"push": tdcr.Load(LENGTH, (0.01, 0.0, 0.0))}),
-    ],
-)
-def test_what_is_refused_leaves_the_estimator_as_it_was(reading, loads):
-    """After one NaN of a sensor, or a load that was not named, all frames were lost."""
-    own, other = estimator(), estimator()
+    )
+    for number, (reading, loads) in enumerate(refused, 1):
+        with pytest.raises(ValueError, match=f"step {number}"):
+            own.step(tdcr.LoadStep(time=0.0, loads=loads), [tdcr.Reading(1, *reading)])
     good = [tdcr.Reading(1, "position_x", LENGTH, 1e-3, 1e-4)]
-    with pytest.raises(ValueError, match="step 1"):
-        own.step(tdcr.LoadStep(time=0.0, loads=loads), [tdcr.Reading(1, *reading)])
     frames = [e.step(tdcr.LoadStep(time=0.0), good) for e in (own, other)]
     assert frames[0].message == "" and np.array_equal(frames[0].force, frames[1].force)
 
@@ -243,19 +238,29 @@ def test_a_frame_that_has_no_solution_near_the_last_one_begins_once_more(at, mon
     assert np.linalg.norm(frame.tip - truth.nodes[1, -1]) < 5e-4
 
 
-def test_a_frame_without_solution_keeps_the_state_and_the_run_goes_on(monkeypatch):
+def test_a_frame_without_solution_keeps_the_state_and_the_run_goes_on():
     truth = Truth(3, 5, scale=0.2)
     rng, own = np.random.default_rng(1), estimator()
     first = own.step(truth.command(0), truth.positions(rng, 0))
-    with monkeypatch.context() as broken:
-        failure = StepFailed("no", 0.0, 1.0, own.simulation.state, 1)
-        broken.setattr(own.simulation, "advance", Mock(side_effect=failure))
+    failure = tdcr.StepFailed("no", 0.0, 1.0, own.simulation.state, 1)
+    with patch.object(own.simulation, "advance", side_effect=failure):
         second = own.step(truth.command(1), truth.positions(rng, 1))
     assert second.message and not second.result.converged
     np.testing.assert_array_equal(second.tip, first.tip)
+    assert np.all(second.sigma_tip > first.sigma_tip)
     third = own.step(truth.command(2), truth.positions(rng, 2))
     assert not third.message
     assert np.linalg.norm(third.tip - truth.nodes[2, -1]) < 5e-4
+
+
+def test_a_frame_whose_readings_are_not_met_has_the_state_without_them():
+    """It had the state before, with its covariance, and a robot that moved on was lost."""
+    truth = Truth(1, 5)
+    wrong = [replace(r, value=-2.0 * r.value) for r in truth.positions(np.random.default_rng(1), 0)]
+    frame, without = (estimator().step(truth.command(0), readings) for readings in (wrong, []))
+    assert "readings are not met" in frame.message and not frame.result.converged
+    np.testing.assert_array_equal(frame.tip, without.tip)
+    np.testing.assert_array_equal(frame.position_covariance, without.position_covariance)
 
 
 def test_a_known_load_acts_besides():
