@@ -20,7 +20,7 @@ from tdcr_fe.io.measured import MeasuredData, first_checks, read_measured
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.io.toml import read_toml
 from tdcr_fe.model.loading import Load, LoadStep, SolverSettings
-from tdcr_fe.model.messages import PlausibilityWarning, count, issue, warnings_to
+from tdcr_fe.model.messages import PlausibilityWarning, TDCRWarning, count, issue, warnings_to
 from tdcr_fe.model.plausibility import plausibility
 from tdcr_fe.model.schema import FieldError, Keys, Quantity
 
@@ -129,15 +129,16 @@ class EstimateResult:
     @property
     def contradiction(self) -> str:
         """A sentence where the readings are far beyond what load, inputs and their noise explain; else empty."""
-        data, failed = self.estimation.data, self.failed
-        known = set(data.step_ids[: len(self.frames)]) - set(failed)
-        read = sum(r.step in known for r in data.readings)
-        squares = sum(frame.misfit for frame in self.frames if not frame.message)
+        data = self.estimation.data
+        solved = zip(data.step_ids, self.frames, strict=False)
+        misfits = {n: frame.misfit for n, frame in solved if not frame.message}
+        read, squares = sum(r.step in misfits for r in data.readings), sum(misfits.values())
         if squares <= CONTRADICTED * read:
             return ""
         return (
             f"the readings are {math.sqrt(squares / read):.2g} times as far from what is expected as their standard "
-            "deviations: axes, signs or units may be wrong, or sigma of load, inputs or readings is too small"
+            "deviations: axes, signs or units may be wrong, or sigma of load, inputs or readings is too small; most in "
+            f"step {max(misfits, key=misfits.__getitem__)}"
         )
 
 
@@ -205,17 +206,18 @@ _JUDGED = {
 }
 
 
-def _implausible_priors(estimation: Estimation) -> list[str]:
-    """Standard deviations of load and inputs that are beyond what the robot can carry, as sentences."""
+def _checks(estimation: Estimation) -> dict[type[TDCRWarning], list[str]]:
+    """`first_checks`, and of standard deviations of load and inputs beyond what the robot can carry."""
     data, prior, names = estimation.data, estimation.load, estimation.data.robot.tendon_names
     errors = dict(zip(names, estimation.inputs.sigmas(names), strict=True))
+    found = first_checks(replace(data, input_sigma=tuple(errors.values())), "estimate.toml")
     drives: dict[str, Any] = {d.inputs: {n: errors[n] for n in given} for d, given in data.steps[0].inputs()}
     load = Load(data.robot.backbone.length, (prior.sigma, 0.0, 0.0), (prior.sigma_moment, 0.0, 0.0))
-    found = []
     for step in (LoadStep(loads={"expected": load}), LoadStep(**drives)):
         texts = plausibility(data.robot, data.model, [step]).warnings  # also of the robot
         for key, own in _JUDGED.items():
-            found += [own + re.sub(rf"^{key}| \(also .*", "", x) for x in texts if re.match(key, x)]
+            judged = [own + re.sub(rf"^{key}| \(also .*", "", x) for x in texts if re.match(key, x)]
+            found[PlausibilityWarning] += judged
     return found
 
 
@@ -239,10 +241,7 @@ def run_estimation(
     data, experiment = estimation.data, estimation.experiment
     # The path within a frame is not resolved, so that a frame is not divided where backlash ends.
     steps = [experiment.steps[j] for j in experiment.whole_steps]
-    sigmas = estimation.inputs.sigmas(data.robot.tendon_names)
-    found = first_checks(replace(data, input_sigma=tuple(sigmas)), "estimate.toml")
-    found[PlausibilityWarning] += _implausible_priors(estimation)
-    for category, texts in found.items():
+    for category, texts in _checks(estimation).items():
         issue(texts, category)
     by_step: dict[int, list[Reading]] = {n: [] for n in data.step_ids}
     for reading in data.readings:
