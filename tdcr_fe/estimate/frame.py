@@ -121,10 +121,9 @@ class Problem:
     def shares(self, place: float) -> tuple[Array, Array]:
         """Shares of the load on the nodes that may carry it, and their derivatives by its place [1, 1/m].
 
-        Between two nodes both together carry the force, and for the body beyond them its moment.
+        Between two nodes both together carry the force, and for the body beyond them its moment. At a known place there
+        is one, and the place has no variance.
         """
-        if len(self.loaded) == 1:  # its place is known
-            return np.ones(1), np.zeros(1)
         nodes = np.concatenate(([0.0], self.places))
         k = int(np.clip(np.searchsorted(nodes, place), 1, len(nodes) - 1))
         before, after = np.eye(len(nodes))[k - 1 : k + 1]
