@@ -29,7 +29,7 @@ BUDGET = {
     "tdcr_fe": 245,
     "tdcr_fe/commands": 762,
     "tdcr_fe/effects": 1178,
-    "tdcr_fe/estimate": 1463,
+    "tdcr_fe/estimate": 1458,
     "tdcr_fe/identify": 6156,
     "tdcr_fe/io": 1728,
     "tdcr_fe/live": 349,

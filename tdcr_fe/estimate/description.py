@@ -155,9 +155,10 @@ class Estimate:
     milliseconds : float
         Time that it took.
     message : str
-        Empty, or why the frame was not solved; the state is then that of the frame before.
+        Empty, or why the frame was not solved: the state is then that without its readings, or where there is none that
+        of the frame before.
     passage : Passage or None
-        What `smoothed` needs; None where the frame was not solved.
+        What `smoothed` needs; None where the state is that of the frame before.
     """
 
     result: StepResult

@@ -24,9 +24,12 @@ from tdcr_fe.estimate.response import Response, plastic_slips
 from tdcr_fe.estimate.uncertain import UncertainEffects
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.loading import Actuation, Load, LoadStep, Model, SolverSettings, resolve
+from tdcr_fe.model.messages import shown
 from tdcr_fe.model.robot import Robot
-from tdcr_fe.model.schema import check_instance
+from tdcr_fe.model.schema import FieldError, check_instance
+from tdcr_fe.scene.mesh import build_mesh
 from tdcr_fe.solve.load_steps.load_path import LoadStepReport, Position
+from tdcr_fe.solve.sensitivities.robot_model import load_positions
 from tdcr_fe.solve.simulation import Simulation, one_thread
 
 #: Substeps of a frame, where its step does not say: the path within a frame is not resolved. The first frame takes the
@@ -84,7 +87,7 @@ class Estimator:
         if model.elements_per_bay == "auto":
             model = replace(model, elements_per_bay=1)
         if model.hysteresis != "elastic-plastic":
-            raise ValueError(f"Estimator: model.hysteresis = {model.hysteresis!r}; must be 'elastic-plastic'")
+            raise FieldError("model.hysteresis", shown(model.hysteresis), "must be 'elastic-plastic'")
         length = robot.backbone.length
         load.check(length)
         self.load, self.inputs = load, inputs
@@ -92,15 +95,14 @@ class Estimator:
         places, uncertain = [length if isinstance(load.at, str) else load.at], uncertain or ParameterPrior()
         if load.at == "unknown":
             own = with_effects(Experiment(robot, model, known), uncertain.effects)
-            handle = Simulation(own.robot, own.model, resolve(own.robot, own.steps)).handle
-            places = [float(s) for s in handle.mesh.arc_lengths[1:]]
+            places = build_mesh(own.robot, own.model, load_positions(own))[0].arc_lengths[1:].tolist()
         steps = (*known, LoadStep(loads={name_at(s): Load(at=s) for s in places}))
         effects = UncertainEffects(Experiment(robot, model, steps), uncertain)
         # Uniform along the body where it is unknown.
         of_place = length / np.sqrt(12.0) if load.at == "unknown" else 0.0
         of_load, of_inputs = np.repeat((load.sigma, load.sigma_moment), 3), inputs.sigmas(robot.tendon_names)
         given = settings or SolverSettings(tolerance=TOLERANCE), observation or Observation()
-        self._problem = problem = Problem.of(effects, *given, places, of_inputs)
+        self._problem = problem = Problem(effects, *given, places, of_inputs)
         law = problem.simulation.handle.actuation.law
         of_slips = np.zeros(np.count_nonzero(law.frictional))
         of_others = np.concatenate((of_load, [of_place], of_inputs, of_slips))
@@ -144,7 +146,8 @@ class Estimator:
         Returns
         -------
         Estimate
-            Where no state was found, that of the frame before, and a message.
+            Where the readings are not met, the state without them, or where there is none that of the frame before, and
+            a message.
 
         Raises
         ------
@@ -179,27 +182,33 @@ class Estimator:
         return replace(found, result=result, milliseconds=1e3 * (time.perf_counter() - begun))
 
     def _estimated(self, frame: Frame) -> Estimate:
-        """The estimate of a frame, which the estimator takes for its state; the last state where there is none."""
+        """The estimate of a frame, which the estimator takes for its state.
+
+        Where its readings are not met, that without them; where no load step leads there, the last state.
+        """
         kept, mean, covariance = self._prior(frame)
-        read, held = len(frame.readings) > 0, self._problem.at_given_place(covariance)[1]
-        of_volume = self._volume.pull(held) if read else np.zeros(len(mean))
-        mean = mean + held @ of_volume
+        held = self._problem.at_given_place(covariance)[1]
+        of_volume = self._volume.pull(held) if frame.readings else np.zeros(len(mean))
         last = self._last
         if last is not None and last.frame.commands.drives.kinds != frame.commands.drives.kinds:
             last = None
-        found = frame.most_probable(mean, covariance, last)
+        found = frame.most_probable(mean + held @ of_volume, covariance, last)
         if found is None or not found.converged:
             message = "no load step towards the frame has a solution"
             if found is not None:
                 message = f"the readings are not met (misfit {found.misfit:.3g}): wrong axes, signs or units?"
             self.simulation.return_to(frame.start)
+            if frame.readings:
+                predicted = self._estimated(replace(frame, readings=()))
+                result = replace(predicted.result, converged=False)
+                return replace(predicted, result=result, misfit=np.nan, message=message)
             state = Solved.of(frame, self._mean, UNSOLVED)
-            return self._estimate(state, self._mean, state.response, self._covariance, np.nan, message)
+            return self._estimate(state, self._mean, state.response, covariance, np.nan, message)
         state, unknowns = found.point, found.unknowns
         jacobian, after = state.jacobian, posterior_covariance(covariance, state.jacobian)
         state, unknowns = self._at_present_values(state, unknowns, after)
         history = self._problem.history
-        for _ in range(STATES - found.states if read else 0):
+        for _ in range(STATES - found.states if frame.readings else 0):
             self._volume = self._volume.renewed(state, held)
         self.simulation.position = state.position
         if state is not found.point:

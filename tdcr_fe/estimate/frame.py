@@ -62,35 +62,34 @@ class Problem:
     """The robot and where its load may act."""
 
     effects: UncertainEffects
-    simulation: Simulation  # With the effects at their present values
+    settings: SolverSettings
     observation: Observation
-    # Arc lengths that may carry the load [m], and their nodes; several, base plate left out, where it is unknown
+    # Arc lengths that may carry the load [m]; several, base plate left out, where it is unknown
     places: Sequence[float]
-    loaded: Index
     input_sigmas: Array  # (m,): Standard deviations of the inputs
-    explicit: ExplicitDerivatives  # By the parameters whose errors are among the unknowns
 
-    @classmethod
-    def of(
-        cls,
-        effects: UncertainEffects,
-        settings: SolverSettings,
-        observation: Observation,
-        places: Sequence[float],
-        input_sigmas: Array,
-    ) -> Problem:
-        """Of a robot whose steps name all loads; ``places``: arc lengths that may carry the estimated one [m]."""
-        own = effects.experiment
-        simulation = Simulation(own.robot, own.model, resolve(own.robot, own.steps), settings)
-        loaded = np.array([simulation.handle.mesh.node_at(s, 1e-6) for s in places])
-        explicit = effects.derivatives(simulation.handle)
-        return cls(effects, simulation, observation, places, loaded, input_sigmas, explicit)
+    @cached_property
+    def simulation(self) -> Simulation:
+        """With the effects at their present values."""
+        own = self.effects.experiment
+        return Simulation(own.robot, own.model, resolve(own.robot, own.steps), self.settings)
+
+    @cached_property
+    def loaded(self) -> Index:
+        """Nodes that may carry the load."""
+        return np.array([self.simulation.handle.mesh.node_at(s, 1e-6) for s in self.places])
+
+    @cached_property
+    def explicit(self) -> ExplicitDerivatives:
+        """By the parameters whose errors are among the unknowns."""
+        return self.effects.derivatives(self.simulation.handle)
 
     def with_effects(self, effects: UncertainEffects) -> Problem:
         """With effects at other values, without the warnings on these."""
-        given = self.simulation.settings, self.observation, self.places, self.input_sigmas
+        found = replace(self, effects=effects)
         with warnings_to():
-            return Problem.of(effects, *given)
+            _ = found.explicit
+        return found
 
     @property
     def s(self) -> Array:
@@ -122,10 +121,9 @@ class Problem:
     def shares(self, place: float) -> tuple[Array, Array]:
         """Shares of the load on the nodes that may carry it, and their derivatives by its place [1, 1/m].
 
-        Between two nodes both together carry the force, and for the body beyond them its moment.
+        Between two nodes both together carry the force, and for the body beyond them its moment. At a known place there
+        is one, and the place has no variance.
         """
-        if len(self.loaded) == 1:  # its place is known
-            return np.ones(1), np.zeros(1)
         nodes = np.concatenate(([0.0], self.places))
         k = int(np.clip(np.searchsorted(nodes, place), 1, len(nodes) - 1))
         before, after = np.eye(len(nodes))[k - 1 : k + 1]
@@ -317,7 +315,8 @@ class Solved:
         found = np.zeros((self.by_node.positions.shape[-1], len(self.unknowns)))
         found[:m, problem.inputs] = np.diag(problem.acting(self.frame.commands, self.unknowns)[1])
         found[m:ends, LOAD] = (shares[:, None, None] * np.eye(6)).reshape(-1, 6)
-        found[ends:, problem.history.start :] = np.eye(len(found) - ends)
+        kept = np.append(self.by_node.sticking, np.ones(len(problem.effects.prior.names), dtype=bool))
+        found[ends:, problem.history.start :] = np.eye(len(kept))[kept]
         return found
 
     @cached_property
@@ -371,7 +370,7 @@ class Solved:
         Returns
         -------
         response : Response
-        covariance : ndarray, shape (n + k + m, n + k + m)
+        covariance : ndarray, shape (n + e, n + e)
             Of the unknowns, and of the errors of holes and tendons in units of their standard deviation.
         """
         problem, frame, commands = self.frame.problem, self.frame, self.frame.commands
@@ -380,24 +379,22 @@ class Solved:
         by, law = self.by_unknowns.copy(), simulation.handle.actuation.law
         wound, scale, m = commands.by_displacement, commands.drives.scale, len(commands.values)
 
-        def spread(by_node: Array) -> Array:
-            changes = by_node @ by
-            return np.sqrt(np.einsum("ki,ij,kj->k", changes, covariance, changes).clip(0.0))
+        def spread(changes: Array) -> Array:
+            return np.sqrt(np.sum(changes @ covariance * changes, axis=1).clip(0.0))
 
         by[:m, inputs] = np.diag(scale)  # without bounds
         tensions, compliances = tensions_without_bounds(simulation)
         tensions = np.where(wound, tensions, commands.values + scale * self.unknowns[inputs])
         counted = wound & (np.diagonal(by_node.gaps) > -0.5)  # as taut
         changes = np.where(counted[:, None], by_node.base_tensions, -by_node.gaps / compliances[:, None])
-        taut, left = within_bounds(tensions, spread(changes), 0.0, np.inf)
+        taut, left = within_bounds(tensions, spread(changes @ by), 0.0, np.inf)
         # Such an error is that of the input which has the same effect.
         as_input = compliances / scale * np.divide(left, taut, np.zeros(m), where=taut > 0.0)
         giving = np.divide(compliances, taut, np.full(m, np.inf), where=taut > 0.0) - compliances
-        by[:m, inputs] = np.diag(scale * np.where(wound, 1.0, taut))
 
         presliding, slips = law.hysteresis.presliding, self.position.state.friction[0].slip[law.frictional]
-        changes = by_node.plastic_slips + presliding * by_node.mobilisations
-        changes[:, m + 6 * len(problem.loaded) :][:, : len(slips)] -= np.eye(len(slips))
+        changes = (by_node.plastic_slips + presliding * by_node.mobilisations) @ by
+        changes[:, history] -= np.eye(len(slips))
         trial = (slips - self.unknowns[history]) / presliding
         sticking, left = within_bounds(trial, spread(changes) / presliding, -1.0, 1.0)
         as_slip = presliding * np.divide(left, sticking, np.zeros(len(slips)), where=sticking > 0.0)
@@ -405,11 +402,16 @@ class Solved:
         likely = self
         if len(slips) or np.any(np.abs(taut - counted)[wound] > LEAST_INSIDE):
             given = problem.explicit, sticking, giving, frame.reads_curvatures
-            by_node = Response.of(simulation, problem.loaded, *given)
-            likely = replace(self, by_node=by_node)
-        weights = np.hstack((by, by[:, history] * as_slip, by[:, inputs] * as_input))
-        wider = posterior_covariance(block_diag(prior, np.eye(len(slips) + m)), likely._of_frame[1] @ weights)
-        return by_node.combined(weights), wider
+            likely = replace(self, by_node=Response.of(simulation, problem.loaded, *given))
+        by = likely.by_unknowns.copy()
+        by[:m, inputs] = np.diag(scale * np.where(wound, 1.0, taut))
+        errors = np.hstack((by[:, history] * as_slip, by[:, inputs] * as_input))
+        errors = errors[:, errors.any(axis=0)]
+        weights = np.hstack((by, errors))
+        wider = posterior_covariance(
+            block_diag(prior, np.eye(errors.shape[1])), likely._of_frame[1] @ weights
+        )
+        return likely.by_node.combined(weights), wider
 
     def _change_to(self, frame: Frame, unknowns: Array) -> Array:
         """Of the unknowns, to those of its frame or of the next one, which begins where this state ends."""

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -39,39 +40,32 @@ _BAND = "The bands are 95 % intervals."
 
 def estimates_frame(result: EstimateResult) -> pd.DataFrame:
     """One row per step, with the columns of `estimates.csv`."""
-    data = result.estimation.data
-    rows = [_row(n, f, data.robot.tendon_names) for n, f in zip(data.step_ids, result.frames, strict=False)]
-    if result.estimation.load.sigma_moment > 0.0:
-        rows = [row | _moment(frame) for row, frame in zip(rows, result.frames, strict=True)]
-    found = pd.DataFrame(rows)
-    if result.estimation.load.at == "unknown":
-        found["sigma_at"] = [frame.sigma_at for frame in result.frames]
-    for k, name in enumerate(result.estimation.uncertain.names):
-        found[name] = [frame.parameters[k] for frame in result.frames]
-        found[f"sigma_{name}"] = [frame.sigma_parameters[k] for frame in result.frames]
-    if result.failed:
-        found["message"] = [frame.message for frame in result.frames]
-    return found
+    steps = zip(result.estimation.data.step_ids, result.frames, strict=False)
+    return pd.DataFrame([_row(step, frame, result) for step, frame in steps])
 
 
-def _row(step: int, frame: Estimate, tendons: Sequence[str]) -> dict[str, float]:
+def _row(step: int, frame: Estimate, result: EstimateResult) -> dict[str, Any]:
+    given, tendons = result.estimation, result.estimation.data.robot.tendon_names
     found = {"step": step, "time": frame.time, "at": frame.at} | _by_axis("force", frame.force)
     for i, j in zip(*np.triu_indices(3), strict=True):
-        found[f"cov_{'xyz'[i]}{'xyz'[j]}"] = float(frame.force_covariance[i, j])
-    for tendon, tension, sigma in zip(tendons, frame.tensions, frame.sigma_tensions, strict=True):
-        found |= {f"tension_{tendon}": float(tension), f"sigma_tension_{tendon}": float(sigma)}
+        found[f"cov_{'xyz'[i]}{'xyz'[j]}"] = frame.force_covariance[i, j]
+    for name, tension, sigma in zip(tendons, frame.tensions, frame.sigma_tensions, strict=True):
+        found |= {f"tension_{name}": tension, f"sigma_tension_{name}": sigma}
     found |= _by_axis("tip", frame.tip) | _by_axis("sigma_tip", frame.sigma_tip)
-    return {**found, "milliseconds": frame.milliseconds}
+    found["milliseconds"] = frame.milliseconds
+    if given.load.sigma_moment > 0.0:
+        sigmas = np.sqrt(np.diagonal(frame.moment_covariance))
+        found |= _by_axis("moment", frame.moment) | _by_axis("sigma_moment", sigmas)
+    if given.load.at == "unknown":
+        found["sigma_at"] = frame.sigma_at
+    numbers = given.uncertain.names, frame.parameters, frame.sigma_parameters
+    for name, value, sigma in zip(*numbers, strict=True):
+        found |= {name: value, f"sigma_{name}": sigma}
+    return found | ({"message": frame.message} if result.failed else {})
 
 
 def _by_axis(name: str, values: Array) -> dict[str, float]:
-    return {f"{name}_{axis}": float(x) for axis, x in zip("xyz", values, strict=True)}
-
-
-def _moment(frame: Estimate) -> dict[str, float]:
-    """The estimated moment and its standard deviations [N m]."""
-    sigmas = np.sqrt(np.diagonal(frame.moment_covariance))
-    return _by_axis("moment", frame.moment) | _by_axis("sigma_moment", sigmas)
+    return {f"{name}_{axis}": x for axis, x in zip("xyz", values, strict=True)}
 
 
 def sequence(result: EstimateResult) -> SequenceResult:
@@ -114,47 +108,40 @@ def _ellipsoid(frame: Estimate) -> dict[str, Array]:
 
 
 def _page(result: EstimateResult) -> Page:
-    frames, names = result.frames, result.estimation.data.robot.tendon_names
-    force, tensions = np.array([f.force for f in frames]), np.array([f.tensions for f in frames])
-    sigma = np.sqrt(np.array([np.diagonal(f.force_covariance) for f in frames]))
-    sigma_tensions = np.array([f.sigma_tensions for f in frames])
-    at = np.array([[f.at, f.sigma_at] for f in frames])
-    pictures = [Picture(_bands(frames, force, sigma, "xyz", "force [N]"), "Force over time", _BAND)]
-    if result.estimation.load.sigma_moment > 0.0:
-        moment = pd.DataFrame([_moment(f) for f in frames]).to_numpy()
-        drawn = _bands(frames, moment[:, :3], moment[:, 3:], "xyz", "moment [N m]")
-        pictures.append(Picture(drawn, "Moment over time", _BAND))
-    if unknown := result.estimation.load.at == "unknown":
-        place = _bands(frames, at[:, :1], at[:, 1:], ["place of the force"], "arc length [m]")
-        pictures.append(Picture(place, "Place over time", _BAND))
-    if numbers := result.estimation.uncertain.names:
-        values = np.array([f.parameters for f in frames])
-        sigmas = np.array([f.sigma_parameters for f in frames])
-        drawn = _bands(frames, values, sigmas, numbers, "", shared=False)
-        pictures.append(Picture(drawn, "Numbers of effects over time", _BAND))
-    of_tensions = Picture(_bands(frames, tensions, sigma_tensions, names, "tension [N]"), "Tensions", _BAND)
-    size = np.linalg.norm(force, axis=1)
+    given, table = result.estimation, estimates_frame(result)
+    for axis in "xyz":
+        table[f"sigma_force_{axis}"] = np.sqrt(table[f"cov_{axis}{axis}"])
+    drawn = {"Force over time": _bands(table, {a: f"force_{a}" for a in "xyz"}, "force [N]")}
+    if given.load.sigma_moment > 0.0:
+        drawn["Moment over time"] = _bands(table, {a: f"moment_{a}" for a in "xyz"}, "moment [N m]")
+    if unknown := given.load.at == "unknown":
+        drawn["Place over time"] = _bands(table, {"place of the force": "at"}, "arc length [m]")
+    if numbers := given.uncertain.names:
+        title = "Numbers of effects over time"
+        drawn[title] = _bands(table, dict(zip(numbers, numbers, strict=True)), "", shared=False)
+    if names := given.data.robot.tendon_names:
+        drawn["Tensions"] = _bands(table, {n: f"tension_{n}" for n in names}, "tension [N]")
+    size = np.linalg.norm(table.filter(regex="^force_"), axis=1)
     most = int(np.argmax(size))
-    where = "at an unknown place" if unknown else f"at {quantity(frames[0].at, 'm')}"
-    panel = viewer.panel(replace(motion_of(sequence(result)), ellipsoids=tuple(map(_ellipsoid, frames))))
-    sizes = np.linalg.norm(sigma, axis=1), sigma_tensions, 1e-3 * np.array([f.milliseconds for f in frames])
+    where = "at an unknown place" if unknown else f"at {quantity(table['at'][0], 'm')}"
+    ellipsoids = tuple(map(_ellipsoid, result.frames))
+    panel = viewer.panel(replace(motion_of(sequence(result)), ellipsoids=ellipsoids))
+    force, tensions = (table.filter(regex=f"^sigma_{name}_").to_numpy() for name in ("force", "tension"))
+    sizes = np.linalg.norm(force, axis=1), tensions, 1e-3 * table["milliseconds"]
     typical = [float(np.median(x)) if x.size else 0.0 for x in sizes]
     return Page(
-        title=f"Estimated states of {result.estimation.data.robot.name}",
-        verdict=f"The largest estimated force {where} is {quantity(size[most], 'N')}, at {frames[most].time:.4g} s.",
+        title=f"Estimated states of {given.data.robot.name}",
+        verdict=f"The largest estimated force {where} is {quantity(size[most], 'N')}, at {table['time'][most]:.4g} s.",
         level="open" if result.interrupted else "part" if result.failed or result.contradiction else "good",
         sentences=tuple(_sentences(result)),
         cards=(
-            Card(str(len(frames)), "frames"),
+            Card(str(len(table)), "frames"),
             Card(quantity(typical[0], "N"), "standard deviation of the force, median"),
             Card(quantity(typical[1], "N"), "standard deviation of a tension, median"),
             Card(quantity(typical[2], "s"), "per frame, median"),
         ),
-        pictures=tuple(pictures),
-        sections=(
-            Section("tensions", "Tensions", "picture.html.j2", {"picture": of_tensions}, folded=False),
-            Section("motion", "The robot in 3D", "motion.html.j2", {"panel": panel}, folded=False),
-        ),
+        pictures=tuple(Picture(figure, text, _BAND) for text, figure in drawn.items()),
+        sections=(Section("motion", "The robot in 3D", "motion.html.j2", {"panel": panel}, folded=False),),
         notes=(
             f"In the same folder: {ESTIMATES}, a row per step; {SMOOTHED}, the same given also the readings of later "
             f"steps; and {SHAPE}, the shape of the backbone in each.",
@@ -172,31 +159,23 @@ def _sentences(result: EstimateResult) -> list[str]:
     if text := result.contradiction:
         found.append(f"{text[0].upper()}{text[1:]}.")
     if result.failure:
-        found.append(f"{result.failure}. They have the state of the frame before.")
+        found.append(f"{result.failure}. They have the state without their readings.")
     if result.interrupted:
         found.append(f"Interrupted after {count(len(result.frames), 'frame')}.")
     return found
 
 
-def _bands(
-    frames: Sequence[Estimate],
-    values: Array,
-    sigmas: Array,
-    names: Sequence[str],
-    label: str,
-    shared: bool = True,
-) -> Figure:
-    """Values over time with their 95 % intervals, a panel each; ``shared``: all have one unit and one scale."""
-    times = [f.time for f in frames]
+def _bands(table: pd.DataFrame, columns: Mapping[str, str], label: str, shared: bool = True) -> Figure:
+    """Columns over time with their 95 % intervals, a panel each with its title; ``shared``: all have one scale."""
     with styled():
-        figure = Figure(figsize=(3.9 * max(1, len(names)), 2.6), layout="constrained")
-        axes = figure.subplots(1, max(1, len(names)), sharey=shared, squeeze=False)[0]
-        for k, (ax, name) in enumerate(zip(axes, names, strict=False)):
-            value, half, colour = values[:, k], HALF_95 * sigmas[:, k], COLOURS[k % len(COLOURS)]
-            value = np.where(np.isfinite(half), value, np.nan)  # a stiffness may be infinite
-            ax.fill_between(times, value - half, value + half, color=colour, alpha=0.25, lw=0)
-            ax.plot(times, value, color=colour, lw=1.2)
-            ax.set_title(name)
+        figure = Figure(figsize=(3.9 * len(columns), 2.6), layout="constrained")
+        axes = figure.subplots(1, len(columns), sharey=shared, squeeze=False)[0]
+        for k, (ax, (title, name)) in enumerate(zip(axes, columns.items(), strict=True)):
+            half, colour = HALF_95 * table[f"sigma_{name}"], COLOURS[k % len(COLOURS)]
+            value = table[name].where(np.isfinite(half))  # a stiffness may be infinite
+            ax.fill_between(table["time"], value - half, value + half, color=colour, alpha=0.25, lw=0)
+            ax.plot(table["time"], value, color=colour, lw=1.2)
+            ax.set_title(title)
             ax.set_xlabel("time [s]")
         axes[0].set_ylabel(label)
     return figure

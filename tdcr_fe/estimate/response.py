@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from tdcr_fe.effects import Observation
-from tdcr_fe.elements import Array, Index
+from tdcr_fe.elements import Array, Flags, Index
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.hysteresis import ACCEPTED
@@ -120,8 +120,9 @@ def observed(simulation: Simulation, observation: Observation, curvatures: bool 
 class Response(ObservedChange):
     """Derivatives of a solved state, also of its history of friction; parameters are the last axis.
 
-    These are the inputs of the tendons (m), the six components of a load on each of some nodes, the plastic slips of
-    the holes at the beginning of the step (k), and parameters of the robot (q).
+    These are the inputs of the tendons (m), the six components of a load on each of some nodes, the plastic slips at
+    the beginning of the step of the holes that stick (on those that slip nothing depends), and parameters of the robot
+    (q).
     """
 
     plastic_slips: Array  # (k, P): At the end of the step [m]
@@ -129,6 +130,7 @@ class Response(ObservedChange):
     # (m, P): By how much more tendons reach than they are wound, zero where they are taut [m]; less tension [N] where
     # that is given
     gaps: Array
+    sticking: Flags  # (k,): Holes that stick
 
     @classmethod
     def of(
@@ -162,13 +164,13 @@ class Response(ObservedChange):
         share = np.where(np.abs(state.mobilisation[0]) < 1.0 - ACCEPTED, 1.0, 0.0)
         if sticking is not None:
             share[law.frictional] = sticking
-        sticks = share > 0.0
+        sticks = law.frictional & (share > 0.0)
         linear, winds = simulation.linearization(), simulation.handle.actuation.drives.winds
         if giving is not None and isinstance(linear.factorisation, BorderedFactors):
             linear = linear._replace(factorisation=linear.factorisation.giving_way(giving[winds]))
         solved = SolvedPoint.of(system, state, state.target, sticking=(sticks,), linearization=linear)
         solved = replace(solved, flexibility=(solved.flexibility[0] / np.where(sticks, share, 1.0),))
-        changes = solved.respond((_disturbance(solved.forces[0], state, loaded, explicit),))
+        changes = solved.respond((_disturbance(solved.forces[0], state, loaded, sticks, explicit),))
         tendons, (positions, rotations) = changes.tendons[0], state.configuration.poses[0]
         in_sections = changes.unknowns[solved.numbering.robots[0].nodes].reshape(len(positions), 2, 3, -1)
         moved = rotations[:, None] @ in_sections
@@ -198,19 +200,20 @@ class Response(ObservedChange):
             slips - law.hysteresis.presliding * mobilisations,
             mobilisations,
             gaps,
+            sticks[law.frictional],
         )
 
     def combined(self, weights: Array) -> Response:
         """By other parameters, of which these are linear functions: ``weights`` has shape (P, Q)."""
-        return Response(*(x @ weights for x in vars(self).values()))
+        changes = {name: x @ weights for name, x in vars(self).items() if name != "sticking"}
+        return replace(self, **changes)
 
 
 def _disturbance(
-    own: TendonForces, state: SolverState, loaded: Index, explicit: ExplicitDerivatives
+    own: TendonForces, state: SolverState, loaded: Index, sticks: Flags, explicit: ExplicitDerivatives
 ) -> Disturbance:
     """Unit inputs, forces and moments in the world on nodes, plastic slips before the step, and parameters."""
-    frictional = own.model.law.frictional
-    m, k = len(frictional), int(frictional.sum())
+    m, k = len(sticks), int(sticks.sum())
     first = m + 6 * len(loaded)
     found = Disturbance.none(own, first + k + explicit.arc_lengths.shape[1])
     found.inputs[:, :m] = np.eye(m)
@@ -220,10 +223,10 @@ def _disturbance(
         turn, start = rotations[node].T, m + 6 * j
         found.wrenches[6 * node : 6 * node + 3, start : start + 3] = turn
         found.wrenches[6 * node + 3 : 6 * node + 6, start + 3 : start + 6] = turn
-    found.slip[(*np.nonzero(frictional), first + np.arange(k))] = 1.0
+    found.slip[(*np.nonzero(sticks), first + np.arange(k))] = 1.0
     if count := explicit.arc_lengths.shape[1]:
-        history, none = state.friction[0], np.zeros((*frictional.shape, count))
-        rate = np.zeros(frictional.shape) if history.slip_rate is None else history.slip_rate
+        history, none = state.friction[0], np.zeros((*sticks.shape, count))
+        rate = np.zeros(sticks.shape) if history.slip_rate is None else history.slip_rate
         solved = configuration.twists[0], state.base_tension[0], state.mobilisation[0]
         point = RobotPoint(positions, rotations, *solved)
         still = Inherited(none, none, np.zeros(count), np.zeros(count))

@@ -10,17 +10,17 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
-from tdcr_fe.effects import with_effects
+from tdcr_fe.effects import Experiment, with_effects
 from tdcr_fe.estimate.description import Estimate, InputPrior, LoadPrior, ParameterPrior
 from tdcr_fe.estimate.estimator import Estimator
 from tdcr_fe.estimate.identified import NONE_IDENTIFIED, Effects, Identified, read_sigma
 from tdcr_fe.estimate.smoothing import smoothed
-from tdcr_fe.io.files import InputError, Problem, Reporter, read_all
-from tdcr_fe.io.measured import MeasuredData, first_checks, large_sigma, read_measured
+from tdcr_fe.io.files import Problem, Reporter, read_all, refusal
+from tdcr_fe.io.measured import MeasuredData, first_checks, read_measured
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.io.toml import read_toml
 from tdcr_fe.model.loading import Load, LoadStep, SolverSettings
-from tdcr_fe.model.messages import PlausibilityWarning, count, issue, shown
+from tdcr_fe.model.messages import PlausibilityWarning, TDCRWarning, count, issue, warnings_to
 from tdcr_fe.model.plausibility import plausibility
 from tdcr_fe.model.schema import FieldError, Keys, Quantity
 
@@ -38,10 +38,10 @@ TOP = Keys(
             InputPrior, Quantity("errors of the inputs", allowed="a table [inputs] with sigma")
         ],
     },
-    {"load": LoadPrior(), "identified": "", "uncertain": {}},
+    {"load": LoadPrior(), "inputs": None, "identified": "", "uncertain": {}},
 )
 #: What is said where there is no such file.
-_LEAST = "; must have at least 'inputs = {sigma = 0.01}', the error of the inputs [N, m or rad]; see docs/estimate.md"
+_LEAST = "must have at least 'inputs = {sigma = 0.01}', the error of the inputs [N, m or rad]; see docs/estimate.md"
 
 #: Later frames whose readings at least count in the smoothed estimates; a frame takes 0.1 to 0.5 MB until then.
 WINDOW = 100
@@ -70,6 +70,26 @@ class Estimation:
     inputs: InputPrior
     effects: Effects = field(default_factory=dict)
     uncertain: ParameterPrior = field(default_factory=ParameterPrior)
+
+    @property
+    def experiment(self) -> Experiment:
+        """With all effects."""
+        return with_effects(self.data.experiment, self.effects)
+
+    @property
+    def estimator(self) -> Estimator:
+        """A new one; a FieldError where what is given does not fit the robot."""
+        declared, own, settings = self.data.experiment, self.experiment, self.data.settings
+        return Estimator(
+            declared.robot,
+            declared.model,
+            self.load,
+            self.inputs,
+            steps=own.steps,
+            observation=own.observation,
+            uncertain=self.uncertain,
+            settings=None if settings == SolverSettings() else settings,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,15 +129,16 @@ class EstimateResult:
     @property
     def contradiction(self) -> str:
         """A sentence where the readings are far beyond what load, inputs and their noise explain; else empty."""
-        data, failed = self.estimation.data, self.failed
-        known = set(data.step_ids[: len(self.frames)]) - set(failed)
-        read = sum(r.step in known for r in data.readings)
-        squares = sum(frame.misfit for frame in self.frames if not frame.message)
+        data = self.estimation.data
+        solved = zip(data.step_ids, self.frames, strict=False)
+        misfits = {n: frame.misfit for n, frame in solved if not frame.message}
+        read, squares = sum(r.step in misfits for r in data.readings), sum(misfits.values())
         if squares <= CONTRADICTED * read:
             return ""
         return (
             f"the readings are {math.sqrt(squares / read):.2g} times as far from what is expected as their standard "
-            "deviations: axes, signs or units may be wrong, or sigma of load, inputs or readings is too small"
+            "deviations: axes, signs or units may be wrong, or sigma of load, inputs or readings is too small; most in "
+            f"step {max(misfits, key=misfits.__getitem__)}"
         )
 
 
@@ -133,43 +154,46 @@ def read_estimation(folder: str | os.PathLike[str]) -> Estimation:
     path = folder / "estimate.toml"
     # Of what is no folder one mistake is enough.
     data, top = read_all(lambda: read_measured(folder), lambda: folder.is_dir() and _read_priors(path))
-    load, inputs, reporter = top["load"], top["inputs"], Reporter(str(path))
+    inputs, reporter, names = top["inputs"], Reporter(str(path)), data.robot.tendon_names
     sigma, identified = read_sigma(top["uncertain"], data, reporter), NONE_IDENTIFIED
     if top["identified"]:
         identified = Identified.read(folder / top["identified"], data, reporter)
         data = replace(data, model=replace(data.model, friction=identified.friction or data.model.friction))
-    try:
-        names = data.robot.tendon_names
-        own = (inputs.sigmas(names) * data.input_scales).tolist()  # of the steps as they were read
-        inputs = replace(inputs, sigma=dict(zip(names, own, strict=True)))
-        load.check(data.robot.backbone.length)
-    except FieldError as error:
-        reporter(error.field, error.value, error.allowed)
-    if (kind := data.model.hysteresis) != "elastic-plastic":
-        file = str(folder / "model.toml")
-        reporter.problems.append(Problem(file, "model.hysteresis", shown(kind), "must be 'elastic-plastic'"))
     untimed = [n for n, step in zip(data.step_ids, data.steps, strict=True) if step.time is None]
     unknown = [r.line for r in data.readings if r.sigma is None]
-    for file, key, found, needed in (
+    for name, key, found, needed in (
         ("loading.csv", "time", untimed, "the time of every step [s]; it is missing in step"),
         ("observations.csv", "sigma", unknown, "every standard deviation; it is missing in line"),
     ):
         if found:
             text = f"estimation needs {needed} {found[0]}"
-            reporter.problems.append(Problem(str(folder / file), key, "", text))
+            reporter.problems.append(Problem(str(folder / name), key, "", text))
+    if not (inputs or data.input_sigma):
+        reporter("inputs", "", "missing; must be a table [inputs] with sigma")
     reporter.refuse()
-    return Estimation(data, load, inputs, identified.effects, identified.prior(data, sigma))
+    try:
+        # Of the steps as they were read; those of model.toml are, and are independent from step to step.
+        own = (inputs.sigmas(names) * data.input_scales).tolist() if inputs else data.input_sigma
+        prior = inputs or InputPrior(sigma=1.0, correlation_time=0.0)
+        inputs = replace(prior, sigma=dict(zip(names, own, strict=True)))
+        numbers = identified.prior(data, sigma)
+        estimation = Estimation(data, top["load"], inputs, identified.effects, numbers)
+        with warnings_to():
+            _ = estimation.estimator
+    except FieldError as error:
+        of_model = error.field.startswith("model.")
+        raise refusal(
+            path.with_name("model.toml") if of_model else path, error.allowed, error.field, error.value
+        ) from error
+    return estimation
 
 
 def _read_priors(path: Path) -> dict[str, Any]:
     """Contents of ``estimate.toml``."""
+    if not path.exists():
+        raise refusal(path, f"no such file; {_LEAST}")
     reporter = Reporter(str(path))
-    try:
-        table, _ = read_toml(path)
-    except InputError as error:
-        more = "" if path.exists() else _LEAST
-        raise InputError(replace(p, allowed=p.allowed + more) for p in error.problems) from error
-    top, _ = TOP.read(table, "", reporter)
+    top, _ = TOP.read(read_toml(path)[0], "", reporter)
     reporter.refuse()
     return top
 
@@ -182,17 +206,18 @@ _JUDGED = {
 }
 
 
-def _implausible_priors(estimation: Estimation) -> list[str]:
-    """Standard deviations of load and inputs that are beyond what the robot can carry, as sentences."""
+def _checks(estimation: Estimation) -> dict[type[TDCRWarning], list[str]]:
+    """`first_checks`, and of standard deviations of load and inputs beyond what the robot can carry."""
     data, prior, names = estimation.data, estimation.load, estimation.data.robot.tendon_names
     errors = dict(zip(names, estimation.inputs.sigmas(names), strict=True))
+    found = first_checks(replace(data, input_sigma=tuple(errors.values())), "estimate.toml")
     drives: dict[str, Any] = {d.inputs: {n: errors[n] for n in given} for d, given in data.steps[0].inputs()}
     load = Load(data.robot.backbone.length, (prior.sigma, 0.0, 0.0), (prior.sigma_moment, 0.0, 0.0))
-    found = [text] if (text := large_sigma(data, errors.values(), "estimate.toml")) else []
     for step in (LoadStep(loads={"expected": load}), LoadStep(**drives)):
         texts = plausibility(data.robot, data.model, [step]).warnings  # also of the robot
         for key, own in _JUDGED.items():
-            found += [own + re.sub(rf"^{key}| \(also .*", "", x) for x in texts if re.match(key, x)]
+            judged = [own + re.sub(rf"^{key}| \(also .*", "", x) for x in texts if re.match(key, x)]
+            found[PlausibilityWarning] += judged
     return found
 
 
@@ -213,27 +238,15 @@ def run_estimation(
     EstimateResult
         A frame that was not solved says so, and the run goes on with the next. After Ctrl-C, the frames until then.
     """
-    data, declared = estimation.data, estimation.data.experiment
-    experiment = with_effects(declared, estimation.effects)
+    data, experiment = estimation.data, estimation.experiment
     # The path within a frame is not resolved, so that a frame is not divided where backlash ends.
     steps = [experiment.steps[j] for j in experiment.whole_steps]
-    found = first_checks(data)
-    found[PlausibilityWarning] += _implausible_priors(estimation)
-    for category, texts in found.items():
+    for category, texts in _checks(estimation).items():
         issue(texts, category)
     by_step: dict[int, list[Reading]] = {n: [] for n in data.step_ids}
     for reading in data.readings:
         by_step[reading.step].append(reading)
-    estimator = Estimator(
-        declared.robot,
-        declared.model,
-        estimation.load,
-        estimation.inputs,
-        steps=steps,
-        observation=experiment.observation,
-        uncertain=estimation.uncertain,
-        settings=None if data.settings == SolverSettings() else data.settings,
-    )
+    estimator = estimation.estimator
     frames: list[Estimate] = []
     pending: list[Estimate] = []  # of which not all later readings are known
     done: list[Estimate] = []

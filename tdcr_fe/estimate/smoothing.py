@@ -18,8 +18,8 @@ def smoothed(frames: Sequence[Estimate]) -> list[Estimate]:
 
     One pass backwards, without inverse covariances, which are singular (A. E. Bryson, M. Frazier, 1963; G. J. Bierman,
     Automatica 9 (1973) 503-508). Where a frame has the mean ``x`` and the covariance ``P`` before its readings, all
-    readings from it on make them ``x + P pull`` and ``P - P information P``. States follow to first order. Frames that
-    were not solved stay as they are.
+    readings from it on make them ``x + P pull`` and ``P - P information P``. States follow to first order. Frames
+    that have the state of the one before stay as they are.
     """
     found = [replace(frame, passage=None) for frame in frames]
     later: tuple[Array, Array, Array] | None = None

@@ -10,6 +10,7 @@ import numpy as np
 from tdcr_fe.effects import Experiment, Parameter, effect, with_effects
 from tdcr_fe.elements import Array
 from tdcr_fe.estimate.description import ParameterPrior
+from tdcr_fe.model.schema import FieldError
 from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter, effect_parameter
 from tdcr_fe.solve.sensitivities.robot_model import ExplicitDerivatives
@@ -42,15 +43,10 @@ class UncertainEffects:
         known = ({p.name: p for p in effect(name).parameters_of(self.declared)} for name, _ in self._keys)
         return [own[key] for own, (_, key) in zip(known, self._keys, strict=True)]
 
-    @property
-    def coordinates(self) -> Array:
-        """Present values, shape (q,)."""
-        return np.array([p.value for p in self._chosen])
-
     def values(self, errors: Array) -> Array:
         """The numbers with their errors, shape (q,)."""
-        numbers = zip(self._parameters, self.coordinates + errors, strict=True)
-        return np.array([p.value(z) for p, z in numbers])
+        numbers = zip(self._parameters, self._chosen, errors, strict=True)
+        return np.array([p.value(now.value + error) for p, now, error in numbers])
 
     def sigmas(self, errors: Array, variances: Array) -> Array:
         """Standard deviations of `values` from the variances of the errors, shape (q,)."""
@@ -59,8 +55,8 @@ class UncertainEffects:
 
     def within_bounds(self, errors: Array) -> Array:
         """The errors that keep the numbers within their bounds, shape (q,)."""
-        numbers = zip(self._parameters, self.values(errors), strict=True)
-        return np.array([p.coordinate(np.clip(x, p.lower, p.upper)) for p, x in numbers]) - self.coordinates
+        numbers = zip(self._parameters, self._chosen, self.values(errors), strict=True)
+        return np.array([p.coordinate(np.clip(x, p.lower, p.upper)) - now.value for p, now, x in numbers])
 
     def moved(self, errors: Array) -> UncertainEffects:
         """At other values; the errors are within bounds."""
@@ -74,15 +70,18 @@ class UncertainEffects:
 
         Raises
         ------
-        ValueError
-            A number changes neither robot nor model, or decides whether a hole has friction.
+        FieldError
+            There are none by a number, it changes neither robot nor model, or decides whether a hole has friction.
         """
-        present, near = models_around(handle, self.experiment, self._chosen)
+        try:
+            present, near = models_around(handle, self.experiment, self._chosen)
+        except ValueError as error:
+            raise FieldError("uncertain", "", str(error).removeprefix("sensitivities: ")) from error
         frictional = present.forces.law.frictional
-        for number, p in enumerate(self._chosen):
+        for number, name in enumerate(self.prior.names):
             models = near[number].models
             if all(model is present for model in models):
-                raise ValueError(f"{p.name} is uncertain; must be a number of the robot or the model")
+                raise FieldError(f"uncertain.{name}", "", "must be a number of the robot or the model")
             if any(not np.array_equal(m.forces.law.frictional, frictional) for m in models):
-                raise ValueError(f"{p.name} is uncertain; must not decide whether there is friction")
+                raise FieldError(f"uncertain.{name}", "", "must not decide whether there is friction")
         return ExplicitDerivatives(present, near, len(self._chosen))

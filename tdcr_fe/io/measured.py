@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -293,8 +293,10 @@ def join_measured(sets: Sequence[MeasuredData]) -> MeasuredData:
 ELSEWHERE = 0.25
 
 
-def first_checks(data: MeasuredData) -> dict[type[TDCRWarning], list[str]]:
+def first_checks(data: MeasuredData, of_inputs: str = "model.toml") -> dict[type[TDCRWarning], list[str]]:
     """Warnings and remarks on a data set, by category.
+
+    ``of_inputs``: the file that has the standard deviations of the inputs.
 
     Raises
     ------
@@ -305,14 +307,14 @@ def first_checks(data: MeasuredData) -> dict[type[TDCRWarning], list[str]]:
         warned, remarks = plausibility(data.robot, data.model, data.steps)
     except ValueError as error:
         raise InputError([Problem(data.name, "", "", with_columns(str(error), data))]) from error
-    warned += [impossible_place(data), large_sigma(data, data.input_sigma, "model.toml")]
+    warned += [impossible_place(data), large_sigma(data, of_inputs)]
     found = {PlausibilityWarning: warned, PlausibilityRemark: remarks}
     return {category: [with_columns(x, data) for x in texts if x] for category, texts in found.items()}
 
 
-def large_sigma(data: MeasuredData, sigmas: Iterable[float], file: str) -> str:
+def large_sigma(data: MeasuredData, file: str) -> str:
     """Standard deviations of inputs that are larger than all inputs of their unit, as a sentence."""
-    of = dict(zip(data.robot.tendon_names, sigmas, strict=False))
+    of = dict(zip(data.robot.tendon_names, data.input_sigma, strict=False))
     for drive in DRIVES:
         given = [x for step in data.steps for x in getattr(step, drive.inputs).items()]
         largest = max((abs(value) for _, value in given), default=0.0)

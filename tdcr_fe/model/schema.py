@@ -52,7 +52,7 @@ class FieldError(ValueError):
 
     def __init__(self, field: str, value: str, allowed: str) -> None:
         self.field, self.value, self.allowed = field, value, allowed
-        super().__init__(f"{field} = {value}: {allowed}")
+        super().__init__(f"{field} = {value}: {allowed}" if value else f"{field}: {allowed}")
 
 
 @dataclass(frozen=True)

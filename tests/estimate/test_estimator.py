@@ -3,19 +3,18 @@
 from argparse import Namespace
 from dataclasses import replace
 from functools import partial
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 from robots import routed
 from rod import Truth
+from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 import tdcr_fe as tdcr
-from tdcr_fe import Spool, StepFailed
-from tdcr_fe.elements.drives import TendonDrives
 from tdcr_fe.estimate.frame import Frame
 from tdcr_fe.estimate.most_probable import posterior_covariance
-from tdcr_fe.model.loading import Actuation
 from tdcr_fe.validation.campaigns.estimate import LENGTH, RATE, model, read, readings_of, rod, run, squared
 
 
@@ -91,8 +90,7 @@ def test_a_moment_at_the_tip_is_found_where_it_is_asked_for():
     step = tdcr.LoadStep(tensions=dict.fromkeys(robot.tendon_names, 0.5), time=0.0)
     acting = tdcr.LoadStep(step.label, step.tensions, loads={"m": tdcr.Load(LENGTH, moment=moment)}, time=0.0)
     (solved,) = tdcr.simulate(robot, model(), [acting]).steps
-    load = tdcr.LoadPrior("tip", sigma=0.05, sigma_moment=0.01)
-    own = estimator(load=load, inputs=tdcr.InputPrior(sigma=1e-3))
+    own = estimator(load=tdcr.LoadPrior("tip", 0.05, sigma_moment=0.01), inputs=tdcr.InputPrior(sigma=1e-3))
     found = own.step(step, readings_of("markers", solved, robot.tendon_names, np.random.default_rng(0)))
     sigmas = np.sqrt(np.diagonal(found.moment_covariance))
     assert sigmas[1] < 2e-3
@@ -103,8 +101,7 @@ def test_neither_the_order_of_the_readings_nor_the_direction_of_the_x_axis_chang
     """Through the signs of eigenvectors forces were off by 0.9 standard deviations, and by 4 with curvatures."""
     truth, found = Truth(6, 1, friction=0.2), []
     for orders, turn in (([0, 1, 2],), 0.0), (([1, 2, 0], [2, 0, 1]), 0.0), (([0, 1, 2],), 37.0):
-        c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
-        turned, robot = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), rod(0.2)
+        turned, robot = Rotation.from_euler("z", turn, degrees=True).as_matrix(), rod(0.2)
         for t in robot.tendons:
             routing = replace(t.routing, angle_deg=t.routing.angle_deg + turn)
             robot = robot.with_tendons([t.name], routing=routing)
@@ -124,23 +121,21 @@ def test_neither_the_order_of_the_readings_nor_the_direction_of_the_x_axis_chang
 def test_noise_of_the_inputs_does_not_let_holes_reverse():
     """Tendons are pulled steadily, their tensions read with noise larger than their steps: holes keep being pulled."""
     rng, names = np.random.default_rng(2), rod().tendon_names
-    inputs = tdcr.InputPrior(sigma=0.01, correlation_time=0.0)
-    own = estimator(friction=0.2, load=tdcr.LoadPrior(sigma=1e-4), inputs=inputs)
-    truth = tdcr.Simulation(rod(0.2), model(0.2), [])
-    pulled, wrong = 0.3 + 0.004 * np.arange(50), []
-    for k, tension in enumerate(pulled):
-        truth.advance(Actuation(TendonDrives.by_tension(4), np.array([tension, 0.1, 0.1, 0.1])))
-        readings = read(rng, truth.state.configuration.poses[0][0][-1])
-        read_tensions = np.array([tension, 0.1, 0.1, 0.1]) + 0.01 * rng.standard_normal(4)
-        step = tdcr.LoadStep(tensions=dict(zip(names, read_tensions.tolist(), strict=True)), time=k / RATE)
-        wrong.append(np.mean(np.array(own.step(step, readings).result.hole_states[0][:-1]) == "release"))
+    own = estimator(friction=0.2, load=tdcr.LoadPrior(sigma=1e-4), inputs=tdcr.InputPrior(0.01, 0.0))
+    pulls, wrong = np.full((50, 4), 0.1), []
+    pulls[:, 0] = 0.3 + 0.004 * np.arange(50)
+    named = (dict(zip(names, p.tolist(), strict=True)) for p in pulls)
+    steps = [tdcr.LoadStep(tensions=x, time=k / RATE) for k, x in enumerate(named)]
+    for step, tip in zip(steps, tdcr.simulate(rod(0.2), model(0.2), steps).tips, strict=True):
+        noisy = {name: x + 0.01 * rng.standard_normal() for name, x in step.tensions.items()}
+        frame = own.step(replace(step, tensions=noisy), read(rng, tip))
+        wrong.append(np.mean(np.array(frame.result.hole_states[0][:-1]) == "release"))
     assert np.mean(wrong[5:]) < 0.05
 
 
 @pytest.mark.parametrize(
     ("prior", "kept", "added"),
     [({"correlation_time": 0.5}, np.exp(-1.0), 1.0 - np.exp(-2.0)), ({"random_walk": 2.0}, 1.0, 0.5 * 2.0**2)],
-    ids=["correlation time", "random walk"],
 )  # fmt: skip
 def test_half_a_second_without_readings_forgets_the_force_or_keeps_it_and_spreads(prior, kept, added):
     truth = Truth(1, 5)
@@ -155,7 +150,7 @@ def test_half_a_second_without_readings_forgets_the_force_or_keeps_it_and_spread
 
 def test_a_step_keeps_the_drives_that_it_does_not_name():
     """Tension, displacement and motor, each of another tendon; the second step names the tension alone."""
-    robot, exact = rod().with_tendons(spool=Spool(0.01)), tdcr.SolverSettings(tolerance=1e-6)
+    robot, exact = rod().with_tendons(spool=tdcr.Spool(0.01)), tdcr.SolverSettings(tolerance=1e-6)
     own = estimator(robot=robot, inputs=tdcr.InputPrior(sigma=1e-5), settings=exact)
     names = robot.tendon_names
     inputs = {"tensions": {names[0]: 0.1, names[3]: 0.2}, "displacements": {names[1]: 1e-3}}
@@ -182,22 +177,20 @@ def test_an_error_of_a_tension_is_none_of_the_displacement_that_is_given_next():
     np.testing.assert_allclose(wound.tensions, held.tensions, atol=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("reading", "loads"),
-    [
+def test_what_is_refused_leaves_the_estimator_as_it_was():
+    """After one NaN of a sensor, or a load that was not named, all frames were lost."""
+    own, other = estimator(), estimator()
+    refused = (
         (("position_x", LENGTH, float("nan"), 1e-4), {}),
         (("position_x", LENGTH, 0.0, 0.0), {}),
         (("position_x", "helix", 0.0, 1e-4), {}),
         (("base_tension", LENGTH, 0.3, 1e-2), {}),
         (("position_x", LENGTH, 0.0, 1e-4), {"push": tdcr.Load(LENGTH, (0.01, 0.0, 0.0))}),
-    ],
-)
-def test_what_is_refused_leaves_the_estimator_as_it_was(reading, loads):
-    """After one NaN of a sensor, or a load that was not named, all frames were lost."""
-    own, other = estimator(), estimator()
+    )
+    for number, (reading, loads) in enumerate(refused, 1):
+        with pytest.raises(ValueError, match=f"step {number}"):
+            own.step(tdcr.LoadStep(time=0.0, loads=loads), [tdcr.Reading(1, *reading)])
     good = [tdcr.Reading(1, "position_x", LENGTH, 1e-3, 1e-4)]
-    with pytest.raises(ValueError, match="step 1"):
-        own.step(tdcr.LoadStep(time=0.0, loads=loads), [tdcr.Reading(1, *reading)])
     frames = [e.step(tdcr.LoadStep(time=0.0), good) for e in (own, other)]
     assert frames[0].message == "" and np.array_equal(frames[0].force, frames[1].force)
 
@@ -217,12 +210,10 @@ def test_the_force_acts_also_where_round_off_moves_the_node_that_carries_it():
 def test_the_place_of_a_force_is_found_where_markers_show_it(place):
     """A force at a disk; nine markers and tensions known well."""
     at = (place + 1) * LENGTH / 9.0
-    truth = Truth(4, 2, at=at, force=(0.02, 0.08, -0.03))
-    rng = np.random.default_rng(3)
+    truth, rng = Truth(4, 2, at=at, force=(0.02, 0.08, -0.03)), np.random.default_rng(3)
     own = estimator(load=tdcr.LoadPrior(at="unknown", sigma=0.1), inputs=tdcr.InputPrior(sigma=0.002))
-    markers = tuple(truth.s[1:])
     for k in range(4):
-        frame = own.step(truth.drawn.step(truth.tensions, k), truth.positions(rng, k, markers))
+        frame = own.step(truth.drawn.step(truth.tensions, k), truth.positions(rng, k, truth.s[1:]))
     assert not frame.message
     assert abs(frame.at - at) < 0.05 * LENGTH
     assert abs(frame.at - at) < 4.0 * frame.sigma_at
@@ -247,22 +238,29 @@ def test_a_frame_that_has_no_solution_near_the_last_one_begins_once_more(at, mon
     assert np.linalg.norm(frame.tip - truth.nodes[1, -1]) < 5e-4
 
 
-def test_a_frame_without_solution_keeps_the_state_and_the_run_goes_on(monkeypatch):
+def test_a_frame_without_solution_keeps_the_state_and_the_run_goes_on():
     truth = Truth(3, 5, scale=0.2)
     rng, own = np.random.default_rng(1), estimator()
     first = own.step(truth.command(0), truth.positions(rng, 0))
-    with monkeypatch.context() as broken:
-
-        def fail(*args, **kwargs):
-            raise StepFailed("no", 0.0, 1.0, own.simulation.state, 1)
-
-        broken.setattr(own.simulation, "advance", fail)
+    failure = tdcr.StepFailed("no", 0.0, 1.0, own.simulation.state, 1)
+    with patch.object(own.simulation, "advance", side_effect=failure):
         second = own.step(truth.command(1), truth.positions(rng, 1))
     assert second.message and not second.result.converged
     np.testing.assert_array_equal(second.tip, first.tip)
+    assert np.all(second.sigma_tip > first.sigma_tip)
     third = own.step(truth.command(2), truth.positions(rng, 2))
     assert not third.message
     assert np.linalg.norm(third.tip - truth.nodes[2, -1]) < 5e-4
+
+
+def test_a_frame_whose_readings_are_not_met_has_the_state_without_them():
+    """It had the state before, with its covariance, and a robot that moved on was lost."""
+    truth = Truth(1, 5)
+    wrong = [replace(r, value=-2.0 * r.value) for r in truth.positions(np.random.default_rng(1), 0)]
+    frame, without = (estimator().step(truth.command(0), readings) for readings in (wrong, []))
+    assert "readings are not met" in frame.message and not frame.result.converged
+    np.testing.assert_array_equal(frame.tip, without.tip)
+    np.testing.assert_array_equal(frame.position_covariance, without.position_covariance)
 
 
 def test_a_known_load_acts_besides():
@@ -353,16 +351,14 @@ def test_stiffness_and_friction_that_are_not_known_exactly_are_found_along_with_
     assert not found.not_solved
 
 
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("actuator_gain.gain", "number of the robot or the model"),
-        ("friction_coefficient.mu", "there is friction"),
-    ],
-)
-def test_an_uncertain_number_is_one_of_the_robot_and_leaves_friction_on_or_off(name, words):
-    with pytest.raises(ValueError, match=words):
-        estimator(uncertain=tdcr.ParameterPrior.independent({name: 0.1}))
+def test_an_uncertain_number_is_one_of_the_robot_and_leaves_friction_on_or_off():
+    refused = {
+        "actuator_gain.gain": "number of the robot or the model",
+        "friction_coefficient.mu": "there is friction",
+    }
+    for name, words in refused.items():
+        with pytest.raises(ValueError, match=words):
+            estimator(uncertain=tdcr.ParameterPrior.independent({name: 0.1}))
 
 
 def test_a_force_that_stays_is_known_in_all_frames_from_the_readings_of_the_last():
