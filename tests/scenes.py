@@ -124,3 +124,11 @@ def recommended(handle: TDCR, end: float, step: float) -> exu.SimulationSettings
     s.timeIntegration.verboseMode = s.staticSolver.verboseMode = 0
     s.solution.file.write = False
     return s
+
+
+def solve_by_exudyn(
+    mbs: exu.MainSystem, handle: TDCR, inputs: Callable[[float], list[float]], step: float
+) -> None:
+    """Take a robot through inputs over one second with Exudyn's static solver, in steps of so long [s]."""
+    handle.set_inputs_over_time(inputs)
+    assert mbs.SolveStatic(recommended(handle, 1.0, step))

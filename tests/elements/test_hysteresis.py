@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from robots import LENGTH, distance, paper, pull, routed, solve
-from scenes import recommended, scene
+from scenes import scene, solve_by_exudyn
 from two_tendons import ANGLES, LENGTHS, tendon_law
 
 from tdcr_fe import Backbone, Disks, HelicalRouting, Load, LoadStep, ParallelRouting, Robot, Tendon
@@ -140,8 +140,7 @@ def test_exudyns_static_solver_has_dahls_history():
     kind = {"hysteresis": "dahl"}
     expected = solve(paper(0.3), pull(1.2, 0.6), SolverSettings(presliding=2e-5), **kind).tips
     _keep, mbs, handle = scene(paper(0.3), presliding=2e-5, **kind)
-    handle.set_inputs_over_time(lambda t: [2.4 * t if t < 0.5 else 1.2 - (2 * t - 1) * 0.6])
-    assert mbs.SolveStatic(recommended(handle, 1.0, 0.02))
+    solve_by_exudyn(mbs, handle, lambda t: [2.4 * t if t < 0.5 else 1.2 - (2 * t - 1) * 0.6], 0.02)
     assert distance(handle.tip_position, expected[-1]) < 5e-4
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from contacts import CENTRE, CONTACTS, DISK, WALL, general_triangles, limit_stops, soft_wall, spheres, wall
 from robots import LENGTH, distance, seven, three
-from scenes import pulled_in_steps, push, recommended, scene, scene_with, solve_scene, tip_load
+from scenes import pulled_in_steps, push, scene, scene_with, solve_by_exudyn, solve_scene, tip_load
 
 
 def with_contact(add, mu=0.0, **rest):
@@ -29,8 +29,7 @@ def test_every_contact_gives_the_shape_of_the_static_solver_of_exudyn(kind, mu):
     assert all(x["iterations"] <= 30 and x["residual"] < 1e-6 for x in pulled_in_steps(mbs, handle, STEPS))
     reference = soft_wall if kind == "GeneralContact, triangles" else CONTACTS[kind]
     _keep_other, other, compared = with_contact(reference, mu)
-    compared.set_inputs_over_time(lambda t: [2.0 * t, 0.0, 0.0])
-    assert other.SolveStatic(recommended(compared, 1.0, 1.0 / 80.0))
+    solve_by_exudyn(other, compared, lambda t: [2.0 * t, 0.0, 0.0], 1.0 / 80.0)
     assert distance(handle.shape()[0], compared.shape()[0]) < (1e-3 if mu else 1e-4)
     _keep_free, free_mbs, free = scene(seven(mu))
     assert distance(handle.shape()[0], solve_scene(free_mbs, free, {"t1": 2.0})) > 0.05

@@ -7,7 +7,7 @@ from contacts import CENTRE, DISK, QUAD, SPHERE, STIFFNESS
 from exudyn.itemInterface import CoordinateConstraint, MarkerNodeCoordinate, NodePointGround
 from exudyn.utilities import InertiaCuboid
 from robots import BACKBONE, LENGTH, distance, seven, three
-from scenes import pulled_in_steps, push, recommended, scene_with, solve_scene, system, tip_load
+from scenes import pulled_in_steps, push, scene_with, solve_by_exudyn, solve_scene, system, tip_load
 
 from tdcr_fe import TDCR, Backbone, CreateTDCR, Disks, Model, StepFailed
 
@@ -53,8 +53,7 @@ def test_an_obstacle_gives_the_shape_of_the_static_solver_of_exudyn(add, mu, ele
     tensions = np.linspace(0.2, 2.0, 10)
     _keep, _mbs, handle, contact = pulled(seven(mu), add, tensions, elements_per_bay=elements)
     _keep, other, compared, forces = scene_with(add, seven(mu), elements_per_bay=elements)
-    compared.set_inputs_over_time(lambda t: [2.0 * t, 0.0, 0.0])
-    assert other.SolveStatic(recommended(compared, 1.0, 1.0 / 80.0))
+    solve_by_exudyn(other, compared, lambda t: [2.0 * t, 0.0, 0.0], 1.0 / 80.0)
     assert distance(handle.shape()[0], compared.shape()[0]) < (1e-3 if mu else 1e-4)
     assert contact.normal_forces().max() > 0.03
     assert contact.normal_forces() == pytest.approx(forces.normal_forces(), abs=1e-4)
@@ -69,8 +68,7 @@ def test_a_robot_bent_to_a_ring_touches_itself():
     touching = np.flatnonzero(contact.normal_forces())
     assert [contact.names[k] for k in touching] == [("disk 1 of 'three'", "disk 13 of 'three'")]
     _keep_other, other, compared, _ = pulled(robot, itself, np.arange(0.5, 7.1, 0.5))
-    compared.set_inputs_over_time(lambda t: [7.0 + 2.0 * t, 0.0, 0.0])
-    assert other.SolveStatic(recommended(compared, 1.0, 1.0 / 240.0))
+    solve_by_exudyn(other, compared, lambda t: [7.0 + 2.0 * t, 0.0, 0.0], 1.0 / 240.0)
     p = handle.shape()[0]
     assert distance(p, compared.shape()[0]) < 1e-4
     gap = contact.gaps()[touching][0]

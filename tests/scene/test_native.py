@@ -8,7 +8,7 @@ import exudyn as exu
 import numpy as np
 import pytest
 from robots import BACKBONE, DISKS, LENGTH, distance, pull, seven, single, solve
-from scenes import damped, recommended, scene, solve_scene, system
+from scenes import damped, recommended, scene, solve_by_exudyn, solve_scene, system
 
 from tdcr_fe import CreateTDCR, Disks, LoadStep, Model, StribeckFriction, Superelastic
 from tdcr_fe.elements.forces import ForceModel
@@ -23,8 +23,7 @@ from tdcr_fe.elements.native.coordinates import NodeCoordinates
 def test_static_solver_of_exudyn_finds_the_same_tip(friction):
     """To 2.5 N, within a millionth of the length."""
     _keep, mbs, handle = scene(single(0.3), friction=friction)
-    handle.set_inputs_over_time(lambda t: [2.5 * t])
-    assert mbs.SolveStatic(recommended(handle, 1.0, 0.02))
+    solve_by_exudyn(mbs, handle, lambda t: [2.5 * t], 0.02)
     expected = solve(single(0.3), pull(2.5), friction=friction).steps[-1]
     assert distance(handle.tip_position, expected.tip) < 1e-6
     assert handle.tensions()["t1"] == pytest.approx(expected.tensions[0], abs=1e-6)
@@ -36,8 +35,7 @@ def test_static_solver_with_prescribed_displacements_of_elastic_tendons():
     robot = seven(0.3, axial_stiffness=400.0)
     _keep, mbs, handle = scene(robot)
     handle.set_displacements([0.0, 0.0, 0.0])
-    handle.set_inputs_over_time(lambda t: [3e-3 * t, -6e-3 * t, -6e-3 * t])
-    assert mbs.SolveStatic(recommended(handle, 1.0, 0.02))
+    solve_by_exudyn(mbs, handle, lambda t: [3e-3 * t, -6e-3 * t, -6e-3 * t], 0.02)
     step = solve(robot, [LoadStep("", displacements={"t1": 3e-3, "t2": -6e-3, "t3": -6e-3})]).steps[0]
     assert step.base_tensions[0] > 0.1
     assert distance(handle.tip_position, step.tip) < 5e-4

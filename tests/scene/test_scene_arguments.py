@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from exudyn.utilities import InertiaCuboid
 from robots import LENGTH, MODEL, distance, seven, single
-from scenes import HEAVY, TURN, recommended, scene, solve_scene, system
+from scenes import HEAVY, TURN, recommended, scene, solve_by_exudyn, solve_scene, system
 from scipy.spatial.transform import Rotation
 
 from tdcr_fe import CreateTDCR, SolveTDCR
@@ -82,8 +82,7 @@ def test_a_robot_whose_body_begins_displaced_is_refused_in_dynamics_until_it_is_
 def test_a_tension_set_after_inputs_over_time_leaves_the_other_tendons_as_they_are():
     """In version 0.1 the tensions of t2 and t3 were set to zero."""
     _keep, mbs, handle = scene(seven(0.0), friction="none")
-    handle.set_inputs_over_time(lambda t: [0.2 * t, 0.5 * t, 0.1 * t])
-    assert mbs.SolveStatic(recommended(handle, 1.0, 0.05))
+    solve_by_exudyn(mbs, handle, lambda t: [0.2 * t, 0.5 * t, 0.1 * t], 0.05)
     solve_scene(mbs, handle, {"t1": 0.3})
     assert [handle.tensions()[t][0] for t in ("t1", "t2", "t3")] == pytest.approx([0.3, 0.5, 0.1])
 

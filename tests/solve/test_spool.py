@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from inputs import ROBOT, SCENARIO, changed, write
 from robots import BACKBONE, LENGTH, Robot, seven
-from scenes import recommended, scene
+from scenes import scene, solve_by_exudyn
 from scipy.optimize import brentq
 
 import tdcr_fe as tdcr
@@ -68,8 +68,7 @@ def test_scenes_and_exudyn_follow_the_angles():
         arm.set_motor_angles(step.motor_angles)
         SolveTDCR(mbs)
     assert arm.displacements()["t1"] == pytest.approx(RADIUS * ANGLES[1])
-    arm.set_inputs_over_time(lambda t: [ANGLES[1] - 0.03 * t, -0.36, -0.36])
-    assert mbs.SolveStatic(recommended(arm, 1.0, 0.2))
+    solve_by_exudyn(mbs, arm, lambda t: [ANGLES[1] - 0.03 * t, -0.36, -0.36], 0.2)
     more = [*steps()[:2], tdcr.LoadStep(motor_angles={"t1": ANGLES[1] - 0.03})]
     expected = tdcr.simulate(wound(STIFFNESS), tdcr.Model(elements_per_bay=1), more)
     assert np.abs(arm.tip_position - expected.steps[-1].positions[-1]).max() < 1e-6 * LENGTH
