@@ -467,9 +467,8 @@ def test_one_hole_or_one_disk_is_moved_and_no_other_or_all_of_them():
         robot = cause.apply(problem.experiment, {**cause.null_values(problem.experiment), **values}).robot
         return [robot.holes(a) - ROBOT.holes(b) for a, b in zip(robot.tendons, ROBOT.tendons, strict=True)]
 
-    first, second = changed(
-        "hole of t1", x=causes["hole of t1" + at].parameters[0].lower
-    )  # the opposite hole
+    # as far as to the opposite hole
+    first, second = changed("hole of t1", x=causes["hole of t1" + at].parameters[0].lower)
     np.testing.assert_allclose(first[2], (-9e-3, 0.0), atol=1e-12)
     assert not np.any(np.abs(np.delete(first, 2, axis=0)) > 1e-12) and not np.any(second)
     for m, t in zip(changed("disk turned", angle=0.1), ROBOT.tendons, strict=True):
