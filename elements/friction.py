@@ -78,9 +78,9 @@ class TendonParameters:
     @cached_property
     def by_law(self) -> list[tuple[CoefficientLaw, Flags]]:
         """Laws of coefficients, each once, with the holes that follow it."""
-        laws = [x for x in self.laws if x is not None]
-        distinct = [x for i, x in enumerate(laws) if x not in laws[:i]]  # they may have no hash
-        return [(x, self.follows & np.array([own == x for own in self.laws])[:, None]) for x in distinct]
+        # they may have no hash
+        each = [x for i, x in enumerate(self.laws) if x is not None and x not in self.laws[:i]]
+        return [(x, self.follows & np.array([own == x for own in self.laws])[:, None]) for x in each]
 
 
 @dataclass(frozen=True)

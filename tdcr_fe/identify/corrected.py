@@ -95,11 +95,6 @@ def corrected_files(result: IdentificationResult) -> dict[str, str]:
     return {"robot.toml": robot_text, "effects.toml": "\n".join([*remarks, "", scenario])}
 
 
-def scenario_names(result: IdentificationResult) -> list[str]:
-    """Names of the scenarios among `corrected_files`: one, or one for each of several data sets."""
-    return [f"effects_{name}.toml" for name, _ in result.data.parts] or ["effects.toml"]
-
-
 def _files_of_sets(result: IdentificationResult) -> dict[str, str]:
     """`corrected_files` of several data sets: one robot, and a scenario for each."""
     files: dict[str, str] = {}

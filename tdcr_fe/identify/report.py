@@ -113,7 +113,7 @@ def page(result: IdentificationResult, motion: Motion | None = None) -> Page:
         "statistics": sentences.statistics(result),
         "remarks": [t for texts in sentences.remarks(result).values() for t in texts],
         "block": corrected.effects_block(result),
-        "scenarios": corrected.scenario_names(result),
+        "scenarios": [f"effects_{name}.toml" for name, _ in result.data.parts] or ["effects.toml"],
         "law": result.law,
         "observation": [words(n) for n in corrected.observation_effects(result)],
     }

@@ -52,7 +52,7 @@ def conclude(search: Search, state: SearchState, begun: float = 0.0) -> Identifi
     tests = structure(data, best.residual, len(best.free))
     explained = criteria.residual_is_noise(problem, best)
     unlisted = criteria.probability_of_unlisted(best) if explained else 0.0
-    undecided = _undecided(search, state, explained)
+    undecided = _undecided(state, explained)
     ceiling = None
     if not state.log.interrupted and (undecided is None or undecided.where in (THE_INPUTS, THE_NOISE)):
         if search.out_of_time:
@@ -61,12 +61,13 @@ def conclude(search: Search, state: SearchState, begun: float = 0.0) -> Identifi
             ceiling = held_out_ceiling(problem, declared, best)
     spread = covariance(problem, best)
     deviation = np.sqrt(np.maximum(np.diag(spread), 0.0))
-    effects = tuple(added_effects(search, state, deviation, explained))
+    effects = tuple(added_effects(state, deviation, explained))
     certain = unlisted <= 1.0 - NAMED and all(e.kind_probability > NAMED for e in effects)
     held = {data.readings[i].step for i in np.flatnonzero(problem.held_out)}
     corrected = problem.acted(best.effects, best.values, best.run)
     left = problem.lengths(declared.residual), problem.lengths(best.residual), problem.whole_sigma
     correlation = spread / np.maximum(np.outer(deviation, deviation), 1e-300)
+    free = tuple(map(".".join, best.free))
     catalogue = (*problem.catalogue, *(e for e in best.effects if isinstance(e, Cause)))
     models = problem.experiment, corrected, run_settings(problem.forward.settings, problem.path_tolerance)
     return IdentificationResult(
@@ -80,9 +81,7 @@ def conclude(search: Search, state: SearchState, begun: float = 0.0) -> Identifi
         remaining=undecided or _remaining(explained, tests),
         shapes=_shapes(problem, declared, best, held),
         residuals=Residuals(*left, outliers(best.residual), tests[:12]),
-        parameters=Parameters(
-            tuple(map(".".join, best.free)), correlation, state.profiles, tuple(deviation.tolist())
-        ),
+        parameters=Parameters(free, correlation, state.profiles, tuple(deviation.tolist())),
         log=replace(state.log, runs=problem.forward.runs, wall_time=wall_time),
         simulated=Simulated(*models, catalogue, best.run.trajectories, problem.mesh_error),
         ceiling=ceiling,
@@ -99,7 +98,7 @@ def _errors(problem: FitProblem, fit: Fit, which: Flags | bool = True, parameter
     return Errors(problem.misfit(r, fitted, parameters), problem.misfit(r, which & problem.held_out))
 
 
-def _undecided(search: Search, state: SearchState, explained: bool) -> Remainder | None:
+def _undecided(state: SearchState, explained: bool) -> Remainder | None:
     """Why the data do not tell what is missing; None where they do."""
     problem, best = state.problem, state.best
     insufficient = criteria.insufficient_data(problem, state.declared, best, explained)
@@ -171,9 +170,7 @@ def _shapes(problem: FitProblem, base: Fit, best: Fit, held_out: set[int]) -> Sh
     return Shapes(np.array([n in held_out for n in data.step_ids]), locations, *table, *backbones)
 
 
-def added_effects(
-    search: Search, state: SearchState, deviation: Array, explained: bool
-) -> Iterator[AddedEffect]:
+def added_effects(state: SearchState, deviation: Array, explained: bool) -> Iterator[AddedEffect]:
     """Effects in the order of adding, with the evidence for each."""
     problem, best, weights = state.problem, state.best, posterior(state)
     # one cause in place of several of one kind is of that kind
@@ -182,7 +179,7 @@ def added_effects(
     for i, e in enumerate(best.effects):
         kind, names = e.kind, frozenset(x.name for x in best.effects[: i + 1])
         after = best if i == len(best.effects) - 1 else state.fits.get(names)
-        rivals = tuple(state.rivals.get(e.name, ()))
+        rivals = state.rivals.get(e.name, ())
         probability = sum(w for f, w in weights if any(x.listed == e.listed for x in f.effects))
         alike = another + sum(w for f, w in weights if any(x.kind == kind for x in f.effects))
         errors = NOT_EVALUATED if after is None else _errors(problem, after, parameters=len(after.free))
