@@ -8,17 +8,15 @@ from typing import NamedTuple
 import numpy as np
 
 from tdcr_fe.elements import Array
-from tdcr_fe.elements.complementarity import solve_box
 from tdcr_fe.solve.equations.configuration import SolverState
-from tdcr_fe.solve.equations.layout import Numbering
 from tdcr_fe.solve.friction_path.follow import FrictionPath, follow_friction
 from tdcr_fe.solve.friction_path.rates import columns_of
 from tdcr_fe.solve.friction_path.response import KnownStates
 from tdcr_fe.solve.friction_path.slips import InterpolatedSlips, Intervals
 from tdcr_fe.solve.friction_path.transfer import tension_transfer
 
-#: Part of a change that the mean of the slopes at both ends may leave unexplained [1]: with more, reversals are not
-#: located by interpolated slips, and a substep may have jumped to another branch.
+#: Part of a change that the mean of the slopes at both ends may leave unexplained [1]: with more, nothing is said of
+#: what an error of the slips does at the end, and a substep may have jumped to another branch.
 ROUGH = 0.1
 #: Error of reversals located through twice as many states within the substep as before, over what they changed [1].
 #: With a quarter of it, three of 200 random robots ended up to 1.2e-5 of the length off.
@@ -29,14 +27,10 @@ class SubstepSlips(NamedTuple):
     """Slips of the tendons under tension in a substep that was solved as a whole."""
 
     known: KnownStates  # Of the substep
-    # Largest displacement of a node that reversals may cause, and up to which the end of a path and the solution to
-    # first order are the same [m]
-    allowed: float
     slips: InterpolatedSlips  # In it
     before: Array  # (k,): Mobilisations at its start and its end [1]
     after: Array  # as `before`
     base: Array  # (c,): Unknown tensions at the base, at its start [N]
-    slip: Array  # (k,): Change of the slips [m]
     # (k, k): Minus the derivatives of the plastic slips by the mobilisations at the end, see
     # `SlipState.columns`, with the tendons slack and taut as they are there [m]
     matrix: Array
@@ -44,8 +38,8 @@ class SubstepSlips(NamedTuple):
     columns: Array
 
     @classmethod
-    def of(cls, known: KnownStates, allowed: float) -> SubstepSlips:
-        """From its solved states; for ``allowed`` see the attribute."""
+    def of(cls, known: KnownStates) -> SubstepSlips:
+        """From its solved states."""
         taut, start, end = known.taut, known.start, known.end
         holes, k = taut.holes, len(taut.holes)
         data = [taut.slip_data(point, known.targets) for point in known.points]
@@ -63,113 +57,51 @@ class SubstepSlips(NamedTuple):
             follow = -np.linalg.solve(columns[pulled], matrix[pulled])
             tensions = tensions + last.tensions[pulled].T @ follow
             matrix = matrix + columns @ follow
-        slip = (end.slips - start.slips)[holes]
         first, columns = start.driven_tension[taut.driven], known.points[-1].response.nodes @ tensions
-        return cls(known, allowed, slips, before, after, first, slip, matrix[:k], columns)
+        return cls(known, slips, before, after, first, matrix[:k], columns)
 
     @property
     def presliding(self) -> Array:
         """Presliding distances of the holes [m], shape (k,)."""
         return self.slips.elastic_slip[: len(self.before)]
 
-    def follow(self, slips: InterpolatedSlips) -> FrictionPath:
-        """The friction states followed through the substep with its slips, or with others that are possible."""
-        return follow_friction(slips, self.before, self.base, slips.intervals.tension[0])
+    @property
+    def slip(self) -> Array:
+        """Change of the slips [m], shape (k,)."""
+        return np.asarray((self.known.end.slips - self.known.start.slips)[self.known.taut.holes])
 
-    def corrected(self, trial: Array) -> Array:
-        """Mobilisations at the end for other trial mobilisations there [1], to first order, shape (k,)."""
-        right = self.presliding * (trial - self.after) + self.matrix @ self.after
-        return solve_box(self.matrix, right, self.after)[0]
-
-    def at_end(self, path: FrictionPath) -> Array:
-        """Mobilisations at the end of the substep that follow from a path [1], shape (k,).
-
-        Those to first order, counted from the last reversals, which have no error of the integration, where they agree
-        with the end of the path. They need not: where derivatives of the tensions jump, the equations to first order
-        can have another solution.
-        """
-        since = (self.slip - path.reversal_slip) / self.presliding
-        first_order = self.corrected(path.reversal_mobilisation + since)
-        last = path.unknowns[: len(first_order)]
-        if path.complete and self.displacement(last - first_order) > self.allowed:
-            return last
-        return first_order
-
-    def worst_case(self, path: FrictionPath, mobilisation: Array) -> Array:
-        """Mobilisations at the end if every hole that slips there had just reversed by the error of its slip [1], (k,).
-
-        Parameters
-        ----------
-        path
-            The path. Where it is not complete, the whole slip counts as error.
-        mobilisation
-            At the end [1], shape (k,).
-        """
-        presliding = self.presliding
-        error = self.slip_error if path.complete else np.abs(self.slip) + presliding
-        side = np.trunc(mobilisation)
-        return self.corrected(np.where(side != 0.0, side * (1.0 - error / presliding), mobilisation))
+    def follow(self) -> FrictionPath:
+        """The friction states followed through the substep."""
+        return follow_friction(self.slips, self.before, self.base, self.slips.intervals.tension[0])
 
     def displacement(self, change: Array) -> float:
         """Largest displacement of a node by a change of the mobilisations [1], shape (k,), to first order [m]."""
-        return _largest_displacement(self.columns @ change, self.known.end.numbering)
+        return self._largest(self.columns @ change)
 
     @property
     def slip_error(self) -> Array:
         """Uncertainty of the change of the slips: what the parabola in their rates adds to it [m], shape (k,)."""
         return np.abs(self.slips.intervals.defect[: len(self.presliding)])
 
-    def path_error(self, path: FrictionPath, mobilisation: Array) -> tuple[float, bool] | None:
-        """What the interpolation leaves uncertain in a complete path; None where it is too rough to say.
-
-        The largest displacement of a node at the end [m], and whether any slip reverses with other slips that are
-        possible.
-
-        Where the error may be larger than allowed to first order, and the other path shows nothing of it, states within
-        the substep have to decide, since the other path shows only one of many possible errors.
-
-        Parameters
-        ----------
-        path
-            The path.
-        mobilisation
-            Those at the end that follow from it [1], shape (k,).
-        """
-        allowed, first_order = self.allowed, self._displacement_by_error(path)
-        if first_order == 0.0:
-            return 0.0, False
-        largest = max(float(np.abs(self.slip).max()), float(self.presliding.min()))
-        if float(self.slip_error.max()) > ROUGH * largest:
-            return None
-        other = self.follow(self.slips._replace(intervals=self.slips.intervals.with_defect_doubled()))
-        if not other.complete:
-            return None
-        moved = self.displacement(mobilisation - self.at_end(other))
-        if moved <= allowed < first_order:
-            # Any value above `allowed` asks for a state within the substep. Without it, 1e-3 of the length was missing
-            # once in 700 load steps of random robots.
-            return 2.0 * allowed, True
-        return moved, bool((other.reversed | path.may_touch_bound(other)).any())
-
-    def _displacement_by_error(self, path: FrictionPath) -> float:
+    def displacement_by_error(self, path: FrictionPath) -> float:
         """Largest displacement of a node by the error of the slips, to first order [m].
 
-        Only by those holes whose mobilisation at the end depends on it, see `FrictionPath.insensitive_holes`.
+        Only by those holes whose mobilisation at the end depends on it, see `FrictionPath.insensitive_holes`; by any
+        change of the friction where the path does not reach the end, or is known too roughly.
         """
-        segments, count = path.segments, len(self.presliding)
-        off_line = self.slips.intervals.error_off_line(segments.start, segments.tension, count)
-        error = self.slip_error + off_line
+        error, least = self.slip_error, float(self.presliding.min())
+        if not path.complete or error.max() > ROUGH * max(float(np.abs(self.slip).max()), least):
+            return self._largest(2.0 * np.abs(self.columns).sum(axis=1))
         which = np.flatnonzero(~path.insensitive_holes(error, self.presliding))
         if not which.size:
             return 0.0
         response = self.columns[:, which] @ np.linalg.inv(self.matrix[np.ix_(which, which)])
-        return _largest_displacement(np.abs(response) @ error[which], self.known.end.numbering)
+        return self._largest(np.abs(response) @ error[which])
 
-
-def _largest_displacement(step: Array, numbering: Numbering) -> float:
-    """Largest displacement of a node in a change of the unknowns of the reduced scene [m]."""
-    nodes = np.concatenate([step[p.nodes] for p in numbering.robots]).reshape(-1, 6)
-    return float(np.linalg.norm(nodes[:, :3], axis=1).max())
+    def _largest(self, step: Array) -> float:
+        """Largest displacement of a node in a change of the unknowns of the reduced scene [m]."""
+        nodes = np.concatenate([step[p.nodes] for p in self.known.end.numbering.robots]).reshape(-1, 6)
+        return float(np.linalg.norm(nodes[:, :3], axis=1).max())
 
 
 class SlipHistory(NamedTuple):
@@ -180,6 +112,16 @@ class SlipHistory(NamedTuple):
     at_end: Array  # (k,): Those at the end of the substep, as they follow from the path [1]
     path: FrictionPath  # Of the holes of tendons under tension, with the reversals
     slips: SubstepSlips  # Of these holes, in the substep
+
+    @classmethod
+    def after(cls, substep: SubstepSlips, path: FrictionPath) -> SlipHistory:
+        """After a followed path."""
+        known, holes = substep.known, substep.known.taut.holes
+        start, end = known.start, known.end
+        slip, counted, last = start.slips.copy(), start.mobilisation.copy(), end.mobilisation.copy()
+        slip[holes] += path.reversal_slip
+        counted[holes], last[holes] = path.reversal_mobilisation, path.unknowns[: len(holes)]
+        return cls(slip, counted, last, path, substep)
 
     def of(self, state: SolverState) -> SolverState:
         """A state with this history, and with the mobilisations that follow from it."""
@@ -203,6 +145,7 @@ class Reversals(NamedTuple):
 
     effect: float  # Largest displacement of a node that they cause at its end, over the length [1]
     error: float  # Uncertainty of that effect [1]
+    possible: bool  # Whether any slip reverses, or may reverse with an error of the slips
     # What the mobilisations at the end count from, where the path reaches it
     history: SlipHistory | None = None
 
@@ -212,9 +155,7 @@ class Reversals(NamedTuple):
         return self.effect + self.error
 
 
-def find_reversals(
-    known: KnownStates, length: float, allowed: float, *, solved_with_reversals: bool
-) -> Reversals:
+def find_reversals(known: KnownStates, length: float) -> Reversals:
     """Reversals of slips between two solved states.
 
     Parameters
@@ -223,43 +164,12 @@ def find_reversals(
         Of the substep; the last one is solved from the first as a whole.
     length
         Of the longest backbone [m].
-    allowed
-        Largest displacement of a node that reversals may cause, over the length [1].
-    solved_with_reversals
-        Whether the last state was solved with reversals located before; else as a whole.
-
-    Returns
-    -------
-    Reversals
-        Without any effect where every slip is monotone, so that the substep is exact as a whole.
     """
-    substep = SubstepSlips.of(known, allowed * length)
-    path = substep.follow(substep.slips)
-    corrected = substep.at_end(path)
-    effect = substep.displacement(corrected - substep.after) / length
-    history = _history(substep, path, corrected) if path.complete else None
+    substep = SubstepSlips.of(known)
+    path = substep.follow()
+    effect = substep.displacement(path.unknowns[: len(substep.after)] - substep.after) / length
+    history = SlipHistory.after(substep, path) if path.complete else None
+    possible = path.reversed.any() or path.may_touch_bound(substep.slip_error / substep.presliding).any()
     if history is not None and len(known.points) > 2:
-        return Reversals(effect, REFINED_ERROR * effect, history)
-    if path.complete:
-        found = substep.path_error(path, corrected)
-        if found is not None:
-            error, reverses = found
-            if not (path.reversed.any() or reverses or solved_with_reversals):
-                return Reversals(0.0, 0.0)
-            return Reversals(effect, error / length, history)
-    # Reversals are not located well enough.
-    error = substep.displacement(corrected - substep.worst_case(path, corrected)) / length
-    return Reversals(effect, error, history)
-
-
-def _history(substep: SubstepSlips, path: FrictionPath, at_end: Array) -> SlipHistory:
-    """What the mobilisations of all frictional holes count from after a followed path.
-
-    The path has the mobilisations ``at_end`` at the end of the substep [1], shape (k,).
-    """
-    known, holes = substep.known, substep.known.taut.holes
-    start, end = known.start, known.end
-    slip, counted, last = start.slips.copy(), start.mobilisation.copy(), end.mobilisation.copy()
-    slip[holes] += path.reversal_slip
-    counted[holes], last[holes] = path.reversal_mobilisation, at_end
-    return SlipHistory(slip, counted, last, path, substep)
+        return Reversals(effect, REFINED_ERROR * effect, possible, history)
+    return Reversals(effect, substep.displacement_by_error(path) / length, possible, history)
