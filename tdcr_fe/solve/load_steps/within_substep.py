@@ -181,7 +181,7 @@ def _examined(trial: Trial, first: Equilibrium, final: Equilibrium) -> Trial:
         # random robots.
         found = found._replace(error=max(found.error, 2.0 * allowed))
     trial = trial._replace(error=found.total, division=None if found.total <= allowed else 0.5)
-    if trial.division is None or found.history is None or not (smooth or found.error <= allowed):
+    if trial.division is None or not (smooth or found.error <= allowed):
         return trial
     return _located(trial, known, found, allowed)
 
@@ -201,22 +201,22 @@ def _located(trial: Trial, known: KnownStates, found: Reversals, allowed: float)
     solver = trial.solver
     most = min(MOST_INTERVALS, solver.settings.max_substeps - trial.begin.substeps)
     for _ in range(solver.settings.max_iterations):
-        if found.history is None:
+        if not found.path.complete:
             break
-        guess = found.history.of(with_unknowns_of(trial.result.state, trial.before))
+        guess = found.of(with_unknowns_of(trial.result.state, trial.before))
         result = solver.solve(guess, trial.end, known.end.linearization, trial.before)
         if not result.converged:
             return trial._replace(rejected=trial.rejected + result.iterations)
-        located = LocatedReversals(known, found.history.path, found.history.of(trial.before).friction)
+        located = LocatedReversals(known, found.path, found.of(trial.before).friction)
         spent = trial.rejected + trial.result.iterations
         corrected = trial._replace(result=result, rejected=spent, located=located)
         # It ends where the path led, and not in another solution with this history.
         close = allowed * solver.system.length
-        if found.error <= allowed and found.history.distance(result.state) <= close:
+        if found.error <= allowed and found.distance(result.state) <= close:
             return corrected._replace(error=found.error, division=None, final=None)
         states = [(point.factor, point.state) for point in known.points[:-1]]
         if found.error > allowed:
-            states = refined(solver, known, found.history.path, found.error / allowed, most)
+            states = refined(solver, known, found.path, found.error / allowed, most)
         if not states:
             return trial._replace(rejected=trial.rejected + result.iterations)
         linear = result.linearization or known.end.linearization
@@ -230,7 +230,7 @@ def _located(trial: Trial, known: KnownStates, found: Reversals, allowed: float)
             error=found.total,
             division=None if accepted else 0.5,
             final=known.end,
-            located=located._replace(known=known, path=found.history.path if found.history else located.path),
+            located=located._replace(known=known, path=found.path if found.path.complete else located.path),
         )
         if accepted or diverges or (found.error > allowed and not solver.is_smooth(trial.end)):
             break
