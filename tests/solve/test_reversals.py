@@ -12,7 +12,7 @@ from tdcr_fe import Backbone, Disks, Load, LoadStep, Model, Robot, SolverSetting
 from tdcr_fe.elements.complementarity import solve_box
 from tdcr_fe.model.routing import ConvergingRouting
 from tdcr_fe.solve.friction_path.follow import follow_friction
-from tdcr_fe.solve.friction_path.rates import SlipDerivatives, SlipState, SmallFactors
+from tdcr_fe.solve.friction_path.rates import SlipDerivatives, SlipState
 from tdcr_fe.validation.fuzz import drawing
 from tdcr_fe.validation.fuzz.checks import CHECKS, check_step
 from tdcr_fe.validation.fuzz.energy import divided
@@ -61,8 +61,7 @@ class LinearSlips:
         change = self._matrix[0] - self._matrix[1]
         load = (1.0 - x) * self._load[0] + x * self._load[1] + change @ (z - self._start)
         still, none = np.zeros(len(tension)), np.zeros((len(z), len(tension)))
-        factors = SmallFactors(np.zeros((0, 0)), np.zeros(0, dtype=np.int32))
-        given = (load, self.elastic_slip, np.zeros(0, dtype=bool), still, none, none, factors)
+        given = (load, self.elastic_slip, np.zeros(0, dtype=bool), still, none, none, np.zeros((0, 0)))
         derivatives = SlipDerivatives(*given, np.zeros(len(z), dtype=bool), self.matrix(x).T.copy(), none)
         return SlipState(tension, self.slip(x, z), derivatives)
 
