@@ -77,10 +77,8 @@ def followed(slips, mobilisation):
 
 def by_small_steps(slips, mobilisation, count):
     """The same path by many complementarity steps, which lose a reversal's overshoot within one step only."""
-    s = mobilisation.copy()
-    u = slips.slip(0.0, s)
-    for k in range(count):
-        x = (k + 1) / count
+    s, u = mobilisation, slips.slip(0.0, mobilisation)
+    for x in np.arange(1, count + 1) / count:
         matrix = slips.matrix(x)
         new, _ = solve_box(matrix, slips.slip(x, s) - u + matrix @ s, s)
         s, u = new, slips.slip(x, new)
