@@ -46,7 +46,7 @@ class EndResponse(NamedTuple):
             follow = -np.linalg.solve(columns[pulled], matrix[pulled])
             tensions = tensions + last.tensions[pulled].T @ follow
             matrix = matrix + columns @ follow
-        return cls(known, matrix[:k], known.points[-1].response.nodes @ tensions)
+        return cls(known, matrix[:k], known.points[-1].response.nodes[:, :-1] @ tensions)
 
     def displacement(self, change: Array) -> float:
         """Largest displacement of a node by a change of the mobilisations [1], shape (k,), to first order [m]."""

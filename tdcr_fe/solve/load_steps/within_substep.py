@@ -24,8 +24,8 @@ from tdcr_fe.solve.friction_path.response import (
     Equilibrium,
     InterpolationPoint,
     KnownStates,
+    SegmentResponse,
     TautTendons,
-    TensionResponse,
     interpolated,
     near_enough,
     with_path_unknowns,
@@ -62,15 +62,13 @@ def known_states(
     """
     taut, points = TautTendons.of([state for _, state in states]), []
     for x, at in states:
-        response = TensionResponse.of(at.linearization, at.forces, taut.numbers)
-        load = response.to_no_load()
+        load = np.zeros(at.numbering.reduced)
         if solver.ramp.changes_beyond_inputs:
             # What is left of the change of the loads, seen from every state; from the last one, back to the start.
             other, factor = (span[0], -1.0) if x == 1.0 else (span[1], 1.0 / (1.0 - x))
             target = solver.ramp.apply(solver.system, other)
-            unbalanced = solver.system.unbalanced(at.state, target, at.forces, at.numbering)
-            load = response.to_load(at.linearization, at.forces, unbalanced, factor)
-        points.append(InterpolationPoint(x, at, response, load))
+            load = factor * solver.system.unbalanced(at.state, target, at.forces, at.numbering)
+        points.append(InterpolationPoint(x, at, SegmentResponse.of(at, taut.numbers, load)))
     start, end = (solver.ramp.apply(solver.system, factor) for factor in span)
     return KnownStates(span, (start, end), taut, tuple(points))
 
