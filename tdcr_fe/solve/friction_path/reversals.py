@@ -102,14 +102,8 @@ class Reversals(NamedTuple):
         at_end = numbering.with_frictional_holes(state.mobilisation, last)
         return state._replace(friction=friction, mobilisation=at_end)
 
-    def distance(self, state: SolverState) -> float:
-        """Largest displacement of a node between the end that follows from the path, and a solved one [m]."""
-        known = self.response.known
-        solved = known.end.numbering.at_frictional_holes(state.mobilisation)[known.taut.holes]
-        return self.response.displacement(solved - self.path.unknowns[: len(solved)])
 
-
-def find_reversals(known: KnownStates, length: float) -> Reversals:
+def find_reversals(known: KnownStates, length: float, *, refinable: bool) -> Reversals:
     """Reversals of slips between two solved states.
 
     Parameters
@@ -118,6 +112,9 @@ def find_reversals(known: KnownStates, length: float) -> Reversals:
         Of the substep; the last one is solved from the first as a whole.
     length
         Of the longest backbone [m].
+    refinable
+        Whether states within the substep may be solved, which decide where a slip reverses. Else the path is followed
+        once more, with twice the defect, and the difference is an error, too.
     """
     taut, start, holes = known.taut, known.start, known.taut.holes
     data = [taut.slip_data(point, known.targets) for point in known.points]
@@ -126,9 +123,17 @@ def find_reversals(known: KnownStates, length: float) -> Reversals:
     slips = InterpolatedSlips(transfer, intervals, elastic_slip, np.eye(len(data[0].tension)))
     begin = start.mobilisation[holes], start.driven_tension[taut.driven], data[0].tension
     path, response = follow_friction(slips, *begin), EndResponse.of(known, slips)
-    moved = path.unknowns[: len(holes)] - known.end.mobilisation[holes]
-    effect, defect = response.displacement(moved) / length, np.abs(intervals.defect[: len(holes)])
+    defect = np.abs(intervals.defect[: len(holes)])
+    if not path.complete:
+        return Reversals(path, response, 0.0, response.to_error(defect, path) / length, possible=True)
+    effect = response.displacement(path.unknowns[: len(holes)] - known.end.mobilisation[holes]) / length
     possible = bool((path.reversed | path.may_touch_bound(defect / presliding)).any())
-    refined = path.complete and len(known.points) > 2
-    error = REFINED_ERROR * effect if refined else response.to_error(defect, path) / length
+    refined = len(known.points) > 2
+    off_line = intervals.error_off_line(path.segments.start, path.segments.tension, len(holes))
+    error = REFINED_ERROR * effect if refined else response.to_error(defect + off_line, path) / length
+    if error > 0.0 and not refinable:
+        other = follow_friction(slips._replace(intervals=intervals.with_defect_doubled()), *begin)
+        moved = response.displacement(path.unknowns[: len(holes)] - other.unknowns[: len(holes)]) / length
+        error = max(error, moved, response.to_error(defect + off_line, other) / length)
+        possible = bool(possible or other.reversed.any())
     return Reversals(path, response, effect, error, possible)

@@ -55,17 +55,47 @@ class Intervals(NamedTuple):
     # (s, k + c + r, q): Derivatives by the tensions at its start, and their change up to its end [m/N, rad/N]
     by_tension: Array
     by_tension_change: Array  # as `by_tension`
+    # Part ``p`` of that change by which the derivatives leave their straight line: ``x + p x (1 - x)`` in place
+    # of the fraction ``x`` of the interval [1]
+    parabola: float
 
     @classmethod
     def between(cls, states: Sequence[SlipData]) -> Intervals:
         """Between states, by load factor."""
         every = [_interval(first, last) for first, last in pairwise(states)]
-        return cls._make(np.array(own) for own in zip(*every, strict=True))
+        arrays = [np.array(own) for own in zip(*every, strict=True)]
+        return cls._make([*arrays, 0.0])
+
+    def with_defect_doubled(self) -> Intervals:
+        """With twice the parabola in the rates along the line, to see what is uncertain in it."""
+        coefficients = self.coefficients.copy()
+        coefficients[:, 2] -= 1.5 * self.coefficients[:, 3]
+        coefficients[:, 3] *= 2.0
+        return self._replace(coefficients=coefficients, parabola=1.0)
 
     @property
     def defect(self) -> Array:
         """Change of the values beyond that by the mean of their rates at both ends of the first one [m, rad], (m,)."""
         return np.asarray(-0.5 * self.coefficients[0, 3])
+
+    def error_off_line(self, factors: Array, tensions: Array, count: int) -> Array:
+        """Largest error of the first values by a parabola in their derivatives, at tensions off the line [m].
+
+        The parabola is taken to be as large as the change of the derivatives in the first interval.
+
+        Parameters
+        ----------
+        factors
+            Load factors within the first interval [1], shape (p,).
+        tensions
+            Of the segments there [N], shape (p, q).
+        count
+            Number of values.
+        """
+        x = (factors - self.start[0]) / self.length[0]
+        off = tensions - self.tension[0] - (factors - self.start[0])[:, None] * self.tension_rate[0]
+        change = (x * (1.0 - x))[:, None] * (off @ self.by_tension_change[0, :count].T)
+        return np.asarray(np.abs(change).max(axis=0))
 
 
 def cubic(change: Array, start: Array, end: Array) -> tuple[Array, Array]:
@@ -114,7 +144,7 @@ def point_on_line(intervals: Intervals, factor: float) -> tuple[Array, Array, Ar
     powers = np.array([[1.0, x, x * x, x * x * x], [0.0, 1.0, 2.0 * x, 3.0 * x * x]])
     polynomials = powers.dot(intervals.coefficients[i])
     change = intervals.by_tension_change[i]
-    by_tension = x * change
+    by_tension = (x + intervals.parabola * x * (1.0 - x)) * change
     by_tension += intervals.by_tension[i]
     line = intervals.tension[i] + moved * intervals.tension_rate[i]
     rates = polynomials[1] / length - by_tension.dot(intervals.tension_rate[i])

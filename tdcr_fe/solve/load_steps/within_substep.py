@@ -171,7 +171,8 @@ def _examined(trial: Trial, first: Equilibrium, final: Equilibrium) -> Trial:
     trial = trial._replace(begin=replace(trial.begin, end=known.start), final=known.end)
     if not known.taut.holes.size:
         return trial
-    found, smooth = find_reversals(known, solver.system.length), solver.is_smooth(trial.end)
+    smooth = solver.is_smooth(trial.end)
+    found = find_reversals(known, solver.system.length, refinable=smooth)
     if found.error <= allowed and not found.possible:
         return trial
     if smooth and found.error > 0.0:
@@ -208,19 +209,15 @@ def _located(trial: Trial, known: KnownStates, found: Reversals, allowed: float)
         located = LocatedReversals(known, found.path, found.of(trial.before).friction)
         spent = trial.rejected + trial.result.iterations
         corrected = trial._replace(result=result, rejected=spent, located=located)
-        # It ends where the path led, and not in another solution with this history.
-        close = allowed * solver.system.length
-        if found.error <= allowed and found.distance(result.state) <= close:
+        if found.error <= allowed:
             return corrected._replace(error=found.error, division=None, final=None)
-        states = [(point.factor, point.state) for point in known.points[:-1]]
-        if found.error > allowed:
-            states = refined(solver, known, found.path, found.error / allowed, most)
+        states = refined(solver, known, found.path, found.error / allowed, most)
         if not states:
             return trial._replace(rejected=trial.rejected + result.iterations)
         linear = result.linearization or known.end.linearization
         states = [*states, (1.0, _final(solver, result, linear, trial.end))]
         linked = known_states(solver, states, known.span)
-        again = find_reversals(linked, solver.system.length)
+        again = find_reversals(linked, solver.system.length, refinable=True)
         diverges = again.effect > found.effect
         known, found = linked, again
         accepted = found.total <= allowed
@@ -230,7 +227,7 @@ def _located(trial: Trial, known: KnownStates, found: Reversals, allowed: float)
             final=known.end,
             located=located._replace(known=known, path=found.path if found.path.complete else located.path),
         )
-        if accepted or diverges or (found.error > allowed and not solver.is_smooth(trial.end)):
+        if accepted or diverges:
             break
     return trial
 
