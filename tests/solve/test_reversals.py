@@ -158,7 +158,7 @@ def test_what_happens_in_a_step_is_not_lost_by_the_drift_of_its_path(seed, to, p
     2e-5 of the length. 545: another one was free as well and kept what it had moved by too much, 3e-5. 235: a hole that
     sticks at the end comes to 0.006 of its bound on the path; in truth it slips there, 3.6e-4.
     """
-    case, tight = draw(seed), SolverSettings(path_tolerance=1e-7)
+    case, tight = draw(seed), SolverSettings(path_tolerance=1e-7, max_substeps=200)
     model = replace(case.model, elements_per_bay=1)
     found = simulate(case.robot, model, case.steps[:to])
     fine = simulate(case.robot, model, divided(case.robot, case.steps[:to], parts), tight)
