@@ -26,7 +26,6 @@ FREE = Model(friction="none")
 CONTINUOUS = Model("continuous", "none")
 SOFT = Robot(Backbone(0.3, 12e-3, 0.4e6, 0.45), tendons=(Tendon("a", tdcr.ConvergingRouting(9e-3, 3e-3)),))
 PULL = [LoadStep(tensions={"t1": 1.0})]
-ONE = TensionLimits(1.0)
 STRIBECK = tdcr.StribeckFriction(0.4, 0.2, 1e-3)
 AT_STEP_9 = tdcr.Reading(9, "tip_offset", None, 0.03)
 
@@ -39,8 +38,8 @@ def changed(name, **values):
     return with_effect(Experiment(three(0.2), Model(), tuple(PULL)), name, **values)
 
 
-def follow(limits=ONE, targets=((0.0, 0.0, 0.2),), robot=None, **options):
-    return tdcr.follow_path(robot or three(), FREE, targets, limits, **options)
+def follow(limits=None, targets=((0.0, 0.0, 0.2),), robot=None, **options):
+    return tdcr.follow_path(robot or three(), FREE, targets, limits or TensionLimits(1.0), **options)
 
 
 def estimator(load=None, inputs=None):
@@ -214,6 +213,10 @@ SCENES = [
     (lambda: used(lambda mbs, arm: arm.set_tensions("123")), 'set_tensions.tensions = "123": must be a list'),
     (lambda: used(lambda mbs, arm: arm.recommended_settings("1", 1e-3)), 'end_time = "1": must be a positive number'),
     (lambda: used(lambda mbs, arm: tdcr.track_sensitivities(mbs, ["inputs.t1"])), "arm is of type MainSystem"),
+    (lambda: used(lambda mbs, arm: tdcr.track_sensitivities(arm, 5)), "sensitivities = 5: must be a list of names"),
+    (lambda: used(lambda mbs, arm: tdcr.track_sensitivities(arm, [5])), "'5' names no parameter"),
+    (lambda: used(lambda mbs, arm: tdcr.local_response(mbs)), "where is of type MainSystem; expected a Simulation, or"),
+    (lambda: used(lambda mbs, arm: arm.set_compliance_factor("a")), 'factor = "a": must be a positive number'),
     (lambda: used(lambda mbs, arm: mbs.SolveTDCR(sensitivities=arm), True), "sensitivities is of type TDCR; expected"),
     (lambda: used(lambda mbs, arm: mbs.SolveTDCR(endTime=-1), True), "endTime = -1 s; must not be before"),
     (lambda: used(lambda mbs, arm: mbs.TDCRLinearized(sensors=3), True), "sensors is of type int; expected a list"),

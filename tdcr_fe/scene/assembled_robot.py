@@ -26,6 +26,7 @@ from tdcr_fe.scene.mesh import softened
 Inputs = Mapping[str, float] | Sequence[float]
 _ALLOWED = "a list of one finite number for every tendon, or such numbers by name: {'t1': 1.0}"
 _ONE = Annotated[dict[str, float] | tuple[float, ...], Quantity(allowed=_ALLOWED)]
+_COMPLIANCE = Keys({"factor": Annotated[float, Quantity(gt=0.0)]})
 _INPUTS = {drive: Keys({drive.inputs: _ONE}) for drive in DRIVES}
 #: A tension this far below zero is taken as zero: round-off of the user's function [N].
 TENSION_ROUND_OFF = 1e-9
@@ -170,8 +171,7 @@ class AssembledRobot:
 
         Rigid inserts stay as they are.
         """
-        if not factor > 0.0:
-            raise ValueError(f"compliance factor {factor}; must be positive")
+        check_arguments("set_compliance_factor", _COMPLIANCE, locals())
         if factor == self.compliance_factor:
             return
         self.compliance_factor = factor

@@ -176,15 +176,15 @@ class FrictionPath(NamedTuple):
                 counts = (counts & ~here) | (before[:k] == 0.0)
         return found[::-1]
 
-    def may_touch_bound(self, other: FrictionPath) -> Flags:
-        """Holes that stick at the end, and come so near to a bound before that another path may reach it, shape (k,).
+    def may_touch_bound(self, error: Array) -> Flags:
+        """Holes that stick at the end, and come so near to a bound before that they may slip there, shape (k,).
 
-        They come nearer to it than at both ends, and the other path may be wrong by the difference on either side.
+        They come nearer to it than at both ends, and the mobilisations may be wrong by an error [1].
         """
         k = len(self.reversal_factor)
-        peak, other_peak = (np.abs(path.segments.unknowns[:, :k]).max(axis=0) for path in (self, other))
+        peak = np.abs(self.segments.unknowns[:, :k]).max(axis=0)
         ends = np.abs([self.segments.unknowns[0, :k], self.unknowns[:k]]).max(axis=0)
-        return np.asarray((peak > ends) & (peak + np.abs(other_peak - peak) >= 1.0))
+        return np.asarray((peak > ends) & (peak + error >= 1.0))
 
     def insensitive_holes(self, error: Array, presliding: Array) -> Flags:
         """Holes whose mobilisation at the end does not depend on an error of the slips, shape (k,).

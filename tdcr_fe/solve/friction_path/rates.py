@@ -6,17 +6,15 @@ its elastic part (presliding distance times mobilisation); of a tendon minus its
 complement is constant, at the upper bound it can only grow, at the lower one only fall. Its derivative by the load
 factor is ``load - matrix z'`` (docs/algorithms.md, section "Slip reversals within a substep").
 
-Small systems of equations are solved by LAPACK. Compiled functions (`tdcr_fe.compiled`) cannot call it one part at a
-time and take the inverse.
+Small systems of equations are solved by LAPACK, which compiled functions (`tdcr_fe.compiled`) cannot call directly.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg.lapack import dgesv, dgetrf, dgetrs
+from scipy.linalg.lapack import dgesv, dgetrf, dgetri
 
 from tdcr_fe.compiled import compilable, compiled_as
 from tdcr_fe.elements import Array, Flags, Index
@@ -24,36 +22,13 @@ from tdcr_fe.elements.complementarity import MOST_IDLE_BLOCKS, ROUND_OFF, exchan
 from tdcr_fe.solve.newton.convergence import FRICTION_TOLERANCE
 
 
-class SmallFactors(NamedTuple):
-    """A factorised matrix."""
-
-    lu: Array  # (n, n): LU factors of the transposed matrix; the inverse in compiled functions
-    pivots: NDArray[np.int32]  # (n,): Rows exchanged; not used with the inverse
-
-
-def _inverse(matrix: Array) -> SmallFactors:
-    inverse: Any = np.linalg.inv(matrix.T).T
-    return SmallFactors(inverse, np.zeros(0, dtype=np.int32))
-
-
-@compiled_as(_inverse)
-def factorised(matrix: Array) -> SmallFactors:
-    """Factors of a matrix whose rows lie in memory one after the other; it is overwritten."""
+@compiled_as(lambda matrix: np.linalg.inv(matrix.T).T)
+def inverse(matrix: Array) -> Array:
+    """Inverse of a matrix whose rows lie one after the other, which is overwritten; nan where there is none."""
     # LAPACK has matrices column by column: it takes the transposed one without a copy.
     lu, pivots, _ = dgetrf(matrix.T, overwrite_a=True)
-    return SmallFactors(lu, pivots)
-
-
-@compiled_as(lambda factors, right: factors.lu.dot(right))
-def solved(factors: SmallFactors, right: Array) -> Array:
-    """Solution ``x`` of ``matrix x = right``, shape (n,)."""
-    return dgetrs(factors.lu, factors.pivots, right, trans=1)[0]
-
-
-@compiled_as(lambda factors, rows: rows.dot(factors.lu.T))
-def solved_rows(factors: SmallFactors, rows: Array) -> Array:
-    """The same for every row of an array, shape (i, n)."""
-    return dgetrs(factors.lu, factors.pivots, rows.T, trans=1)[0].T
+    found, singular = dgetri(lu, pivots, overwrite_lu=True)
+    return np.asarray(np.full_like(found, np.nan) if singular else found.T)
 
 
 @compiled_as(lambda matrix, right: right.dot(np.linalg.inv(matrix)))
@@ -130,8 +105,8 @@ class SlipDerivatives(NamedTuple):
     tension_by_load: Array  # (q,): Derivatives of the tensions of the segments by the load factor [N]
     direct: Array  # (n, q): Derivatives of the tensions by the unknowns at fixed turning angles [N, 1]
     by_tension: Array  # (n, q): Derivatives of the slips by the tensions of the segments [m/N]
-    # Of the identity less the derivatives of the tensions by themselves through the turning angles
-    turning: SmallFactors
+    # (q, q): Inverse of the identity less the derivatives of the tensions by themselves through the turning angles
+    turning: Array
     missing: Flags  # (n,): Unknowns whose derivatives were not used yet
     # (n, n): Row by row, minus the derivatives of the complements by one of the unknowns, see `columns_of`
     columns: Array
@@ -157,7 +132,7 @@ def columns_of(derivatives: SlipDerivatives, which: Index) -> Array:
     new = which[derivatives.missing[which]]
     if new.size:
         columns, n = derivatives.columns, len(derivatives.missing)
-        tensions = solved_rows(derivatives.turning, some_rows(derivatives.direct, new))
+        tensions = some_rows(derivatives.direct, new).dot(derivatives.turning.T)
         columns[new] = -tensions.dot(derivatives.by_tension.T)
         diagonal = columns.reshape(-1)[:: n + 1]
         diagonal[new] += derivatives.elastic_slip[new]

@@ -31,99 +31,6 @@ Tendons = Sequence[Index]
 EXACT_TURN = 1e-5
 
 
-class LoadResponse(NamedTuple):
-    """Change of segments and turning angles by a change of the loads at fixed tensions."""
-
-    nodes: Array  # (reduced,): Change of the unknowns of the reduced scene
-    lengths: Array  # (q,): [m]
-    angles: Array  # (r,): [rad]
-
-
-class TensionResponse(NamedTuple):
-    """Derivatives by the tensions of q segments; with r turning angles, padded ones included. All others are slack."""
-
-    tendons: Tendons  # Whose segments and angles these are
-    nodes: Array  # (reduced, q): Of the unknowns of the reduced scene
-    flexibility: Array  # (q, q): Minus those of the lengths; symmetric [m/N]
-    angles: Array  # (r, q): Of the turning angles [rad/N]
-    # (q, r): Derivatives of the tensions by the turning angles at fixed mobilisations and tensions at the base
-    # [N/rad]
-    by_angle: Array
-
-    @classmethod
-    def of(cls, linear: Linearization, forces: Sequence[TendonForces], tendons: Tendons) -> TensionResponse:
-        """From the tangent, in which tensions change with the turning angles.
-
-        Parameters
-        ----------
-        linear
-            Equilibrium, linearised at fixed mobilisations.
-        forces
-            By robot.
-        tendons
-            By robot, the tendons; all others have no tension.
-        """
-        lengths, angles, by_angle = _segments(linear, forces, tendons)
-        right = np.asfortranarray(lengths.T)
-        zero_bases(right, linear.numbering.clamped)
-        moved = _inner(linear, right)
-        turned = angles @ moved
-        # A given tension is the sum of one that is put on, and of what the angles add to it.
-        put_on = np.linalg.inv(np.eye(len(lengths)) + by_angle @ turned)
-        return cls(tendons, moved @ put_on, -(lengths @ moved) @ put_on, turned @ put_on, by_angle)
-
-    def to_no_load(self) -> LoadResponse:
-        """Response where no load changes."""
-        return LoadResponse(*(np.zeros(len(x)) for x in (self.nodes, self.flexibility, self.angles)))
-
-    def to_load(
-        self, linear: Linearization, forces: Sequence[TendonForces], unbalanced: Array, factor: float
-    ) -> LoadResponse:
-        """Response to a multiple of a change of the loads.
-
-        Parameters
-        ----------
-        linear, forces
-            As in `of`.
-        unbalanced, factor
-            Residual that the change causes, shape (reduced,), and how many times the change is meant.
-        """
-        lengths, angles, _ = _segments(linear, forces, self.tendons)
-        moved = _inner(linear, -unbalanced)
-        turned = angles @ moved
-        added = self.by_angle @ turned
-        stretched = lengths @ moved + self.flexibility @ added
-        whole = moved - self.nodes @ added, stretched, turned - self.angles @ added
-        return LoadResponse(*(factor * x for x in whole))
-
-
-def _inner(linear: Linearization, right: Array) -> Array:
-    """Solve at fixed tensions at the base; there may be nothing to solve for."""
-    if right.size == 0:
-        return right
-    factors = linear.factorisation
-    return (factors.inner if isinstance(factors, BorderedFactors) else factors).solve(right)
-
-
-def _segments(
-    linear: Linearization, forces: Sequence[TendonForces], tendons: Tendons
-) -> tuple[Array, Array, Array]:
-    """Derivatives of lengths and angles by the reduced unknowns, and of the tensions by the angles."""
-    reduced = linear.numbering.reduced
-    tables: tuple[list[Array], list[Array]] = [], []
-    blocks = []
-    for part, which in zip(linear.numbering.robots, tendons, strict=True):
-        own = forces[part.robot]
-        shape = own.measured.shape
-        for table, rows in zip(tables, (shape.d_lengths, shape.d_angles), strict=True):
-            full = np.zeros((len(which) * rows.shape[1], reduced))
-            full[:, part.nodes] = own.to_all_nodes(rows[which].reshape(len(full), rows.shape[-1]))
-            table.append(full)
-        blocks += list(own.field.d_angle[which])
-    lengths, angles = (t[0] if len(t) == 1 else np.concatenate(t) for t in tables)
-    return lengths, angles, block_diagonal(blocks)
-
-
 class Equilibrium(NamedTuple):
     """A solved state, linearised in this very state, or so near to it that it makes no difference."""
 
@@ -165,6 +72,58 @@ def near_enough(state: SolverState, linearization: Linearization) -> bool:
     """Whether a linearisation is in a state, or so near to it that it makes no difference."""
     pairs = zip(linearization.chains, state.configuration.twists, strict=True)
     return all(float(np.abs(new[:, 3:] - old.twists[:, 3:]).max()) <= EXACT_TURN for old, new in pairs)
+
+
+class SegmentResponse(NamedTuple):
+    """Derivatives by the tensions of q segments, and in the last column by the load factor at fixed tensions.
+
+    With r turning angles, padded ones included. All other tendons are slack.
+    """
+
+    nodes: Array  # (reduced, q + 1): Of the unknowns of the reduced scene
+    lengths: Array  # (q, q + 1): Of the lengths [m/N, m]
+    angles: Array  # (r, q + 1): Of the turning angles [rad/N, rad]
+
+    @classmethod
+    def of(cls, at: Equilibrium, tendons: Tendons, load: Array) -> SegmentResponse:
+        """From the tangent, in which tensions change with the turning angles.
+
+        Parameters
+        ----------
+        at
+            The state.
+        tendons
+            By robot, the tendons; all others have no tension.
+        load
+            Derivative of the residual by the load factor, shape (reduced,).
+        """
+        (lengths, angles, by_angle), factors = _segments(at, tendons), at.linearization.factorisation
+        right = np.asfortranarray(np.column_stack((lengths.T, -load)))
+        zero_bases(right, at.numbering.clamped)
+        moved = (factors.inner if isinstance(factors, BorderedFactors) else factors).solve(right)
+        turned = angles @ moved
+        every, added = np.concatenate((moved, lengths @ moved, turned)), by_angle @ turned
+        # A given tension is the sum of one that is put on, and of what the angles add to it.
+        every[:, :-1] = every[:, :-1] @ np.linalg.inv(np.eye(len(lengths)) + added[:, :-1])
+        every[:, -1] -= every[:, :-1] @ added[:, -1]
+        return cls(*np.split(every, np.cumsum((len(moved), len(lengths)))))
+
+
+def _segments(at: Equilibrium, tendons: Tendons) -> tuple[Array, Array, Array]:
+    """Derivatives of lengths and angles by the reduced unknowns, and of the tensions by the angles."""
+    reduced = at.numbering.reduced
+    tables: tuple[list[Array], list[Array]] = [], []
+    blocks = []
+    for part, which in zip(at.numbering.robots, tendons, strict=True):
+        own = at.forces[part.robot]
+        shape = own.measured.shape
+        for table, rows in zip(tables, (shape.d_lengths, shape.d_angles), strict=True):
+            full = np.zeros((len(which) * rows.shape[1], reduced))
+            full[:, part.nodes] = own.to_all_nodes(rows[which].reshape(len(full), rows.shape[-1]))
+            table.append(full)
+        blocks += list(own.field.d_angle[which])
+    lengths, angles = (t[0] if len(t) == 1 else np.concatenate(t) for t in tables)
+    return lengths, angles, block_diagonal(blocks)
 
 
 class TautTendons(NamedTuple):
@@ -219,37 +178,33 @@ class TautTendons(NamedTuple):
 
         ``targets``: inputs and loads at both ends of the substep.
         """
-        factor, state, response, load = point
-        forces, flexibility, turning = state.forces, response.flexibility, response.angles
-        values, by_tension, by_load = [], [], []
-        bases: list[tuple[Array, Array, Array]] = []
+        factor, state, response = point
+        values, slopes = [], []
+        bases: list[tuple[Array, Array]] = []
         segment = 0
         for robot, own in enumerate(self.tendons):
-            field, count = forces[robot].field, len(own.which)
+            field, count = state.forces[robot].field, len(own.which)
             here = slice(segment, segment + own.segments)
-            by_length = field.released_d_length[own.which].reshape(-1, 1)
-            released = -by_length * flexibility[here]
+            both = field.released_d_length[own.which].reshape(-1, 1) * response.lengths[here]
             stretched = field.released_d_tension[own.which].reshape(-1)
-            released[np.arange(own.segments), np.arange(here.start, here.stop)] += stretched
-            both = np.column_stack((released, by_length[:, 0] * load.lengths[here]))
+            both[np.arange(own.segments), np.arange(here.start, here.stop)] += stretched
             both = both.reshape(count, own.law.shape[1], both.shape[1])
-            slips = (own.law.slip_operator @ both)[own.frictional]
             values.append(field.slip[own.which][own.frictional])
-            by_tension.append(slips[:, :-1])
-            by_load.append(slips[:, -1])
+            slopes.append((own.law.slip_operator @ both)[own.frictional])
             driven = own.which[own.driven]
             pulled = -both[own.driven].sum(axis=1)
             first, last = (target.inputs[robot][driven] for target in targets)
-            minus_slack = first + factor * (last - first) - field.base_slip[driven]
-            bases.append((minus_slack, pulled[:, :-1], pulled[:, -1] + last - first))
+            pulled[:, -1] += last - first
+            bases.append((first + factor * (last - first) - field.base_slip[driven], pulled))
             segment = here.stop
-        angles = self._joined([own.measured.shape.angles for own in forces])
+        angles = self._joined([own.measured.shape.angles for own in state.forces])
+        by_tension_and_load = np.concatenate([*slopes, *(b[1] for b in bases), response.angles])
         return SlipData(
             factor,
             self.tensions(state),
             np.concatenate([*values, *(b[0] for b in bases), angles]),
-            np.concatenate([*by_tension, *(b[1] for b in bases), turning]),
-            np.concatenate([*by_load, *(b[2] for b in bases), load.angles]),
+            by_tension_and_load[:, :-1],
+            by_tension_and_load[:, -1],
         )
 
     def _joined(self, by_robot: list[Array]) -> Array:
@@ -262,8 +217,8 @@ class InterpolationPoint(NamedTuple):
 
     factor: float  # Load factor within the substep [1]
     state: Equilibrium
-    response: TensionResponse  # To the tensions of all tendons under tension at any of the points
-    load: LoadResponse  # To the change of the loads in the whole substep
+    # To the tensions of all tendons under tension at any of the points, and to the change of the loads in the substep
+    response: SegmentResponse
 
 
 class KnownStates(NamedTuple):
@@ -307,7 +262,7 @@ def twist_change(point: InterpolationPoint, tension: Array, load: float) -> Arra
     load
         Part of the change of the loads in the substep [1].
     """
-    nodes = point.response.nodes @ tension + load * point.load.nodes
+    nodes = point.response.nodes @ np.append(tension, load)
     return point.state.linearization.twist_changes(nodes)
 
 

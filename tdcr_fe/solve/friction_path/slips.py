@@ -20,7 +20,7 @@ from tdcr_fe.compiled import compilable
 from tdcr_fe.elements import Array
 from tdcr_fe.elements.coefficients import MAX_ITERATIONS
 from tdcr_fe.elements.complementarity import largest, largest_magnitude
-from tdcr_fe.solve.friction_path.rates import SlipDerivatives, SlipState, factorised, solved
+from tdcr_fe.solve.friction_path.rates import SlipDerivatives, SlipState, inverse
 from tdcr_fe.solve.friction_path.transfer import AdhesiveTransfer, CapstanTransfer, branches_at, tensions_at
 
 #: Newton's method for tensions and turning angles that agree ends with the correction of an error below this fraction
@@ -143,9 +143,8 @@ def point_on_line(intervals: Intervals, factor: float) -> tuple[Array, Array, Ar
     x = moved / length
     powers = np.array([[1.0, x, x * x, x * x * x], [0.0, 1.0, 2.0 * x, 3.0 * x * x]])
     polynomials = powers.dot(intervals.coefficients[i])
-    weight = x + intervals.parabola * x * (1.0 - x)
     change = intervals.by_tension_change[i]
-    by_tension = weight * change
+    by_tension = (x + intervals.parabola * x * (1.0 - x)) * change
     by_tension += intervals.by_tension[i]
     line = intervals.tension[i] + moved * intervals.tension_rate[i]
     rates = polynomials[1] / length - by_tension.dot(intervals.tension_rate[i])
@@ -198,15 +197,15 @@ def slips_at(slips: InterpolatedSlips, factor: float, z: Array, tension: Array) 
     for _ in range(MAX_ITERATIONS):
         angles = np.maximum(values[n:] + turning.dot(tension - line), 0.0)
         passed = tensions_at(slips.transfer, factor, z, angles)
-        factors = factorised(slips.identity - passed.by_angle.dot(turning))
+        turned = inverse(slips.identity - passed.by_angle.dot(turning))
         excess = passed.tension - tension
-        tension = tension + solved(factors, excess)
+        tension = tension + turned.dot(excess)
         if largest_magnitude(excess) <= NEAR_TENSION * largest(tension):
             break
     off = tension - line
     rate = fixed_rates + change.dot(off) / length
     slip = values[:n] + by_tension.dot(off)
-    tension_by_load = solved(factors, passed.by_angle.dot(rate[n:]) + passed.by_load)
+    tension_by_load = turned.dot(passed.by_angle.dot(rate[n:]) + passed.by_load)
     derivatives = SlipDerivatives(
         rate[:n] + by_tension.dot(tension_by_load),
         slips.elastic_slip,
@@ -214,7 +213,7 @@ def slips_at(slips: InterpolatedSlips, factor: float, z: Array, tension: Array) 
         tension_by_load,
         passed.by_unknown,
         by_tension,
-        factors,
+        turned,
         np.ones(n, dtype=np.bool_),
         np.empty((n, n)),
         np.empty(by_tension.shape),

@@ -24,7 +24,6 @@ class NewtonStatus(Enum):
     """How a Newton solve ended."""
 
     CONVERGED = "converged"
-    STALLED = "converged: the steps have become so small that the rest of the residual is round-off"
     NO_BALANCE = "the forces do not balance"
     NO_FRICTION_STATE = "the stick-slip iteration did not converge"
     NO_CONTACT_STATE = "contact keeps opening and closing"
@@ -37,7 +36,7 @@ class NewtonStatus(Enum):
     @property
     def converged(self) -> bool:
         """Whether there is a solution."""
-        return self in (NewtonStatus.CONVERGED, NewtonStatus.STALLED)
+        return self is NewtonStatus.CONVERGED
 
 
 class Unmet(NamedTuple):

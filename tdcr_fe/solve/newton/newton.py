@@ -158,7 +158,7 @@ def _iterate(problem: NewtonProblem, residual: Residual) -> NewtonResult:
         stalled = not damped and max(before, residual.size) < BALANCED
         stalled = stalled and system.layout.scales.step_size(step.change) <= settings.step_tolerance
         if stalled and first(balance=False) is None:
-            return end(NewtonStatus.STALLED)
+            return end(NewtonStatus.CONVERGED)
 
 
 def _committed(problem: NewtonProblem, residual: Residual, linear: Linearization | None) -> SolverState:

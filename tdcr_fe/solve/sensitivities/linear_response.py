@@ -19,6 +19,7 @@ from tdcr_fe.elements.hysteresis import ACCEPTED, FrictionState, Hysteresis
 from tdcr_fe.elements.poses import skew
 from tdcr_fe.elements.section_forces import DIFFERENCE
 from tdcr_fe.model.results import LocalResponse
+from tdcr_fe.model.schema import check_instance
 from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.solve.equations.configuration import SolverState, Target
 from tdcr_fe.solve.equations.layout import Numbering, RobotUnknowns, zero_bases
@@ -297,9 +298,13 @@ def local_response(where: Simulation | TDCR, s: float | None = None, reversal: b
     ------
     KeyError
         There is no node at this arc length.
+    TypeError
+        It is neither a simulation nor a robot.
     numpy.linalg.LinAlgError
         The tangent is singular.
     """
+    hint = "a Simulation, or a robot in a scene, as CreateTDCR returns it"
+    check_instance("local_response", "where", where, (Simulation, TDCR), hint)
     with one_thread():
         if isinstance(where, Simulation):
             found = response_at(where.system, where.state, 0, s, reversal)

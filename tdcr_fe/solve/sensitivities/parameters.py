@@ -150,13 +150,13 @@ def parameters(experiment: Experiment, names: Sequence[str | Parameter]) -> tupl
     Raises
     ------
     TypeError
-        One name instead of a list of names.
+        Anything else than a list of names.
     ValueError
         An unknown or repeated name, or a field that is not a number.
     """
-    if isinstance(names, str):
-        raise TypeError(f"sensitivities: {names!r} is one name; must be a list of names: [{names!r}]")
-    found = tuple(x if isinstance(x, Parameter) else _named(experiment, x) for x in names)
+    if isinstance(names, str) or not isinstance(names, Sequence):
+        raise TypeError(f"sensitivities = {names!r}: must be a list of names, such as ['backbone.length']")
+    found = tuple(x if isinstance(x, Parameter) else _named(experiment, str(x)) for x in names)
     repeated = sorted(name for name, count in Counter(p.name for p in found).items() if count > 1)
     if repeated:
         raise ValueError(f"sensitivities: {repeated[0]!r} is named twice")
