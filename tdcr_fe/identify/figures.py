@@ -124,7 +124,7 @@ def _shape_lines(axes: Axes, result: IdentificationResult) -> bool:
                       xytext=(0, 9), textcoords="offset points", ha="center", fontsize=8,
                       bbox={"fc": "white", "ec": "none", "alpha": 0.7, "pad": 1})  # fmt: skip
     axes.set_aspect("equal", adjustable="datalim")
-    axes.margins(y=0.1)
+    axes.margins(x=0.15, y=0.1)
     sides = "distance from the z axis [mm]" if len(steps) == 1 else "distance, to either side [mm]"
     axes.set(title="Shape, in the plane of the tip", xlabel=sides, ylabel="z [mm]")
     return True
