@@ -113,11 +113,15 @@ def linearize_each(pairs: Sequence[tuple[FitProblem, Request]]) -> list[Linear]:
 #: over EI/L^2; it is then added to first order [1].
 BALANCED = 1e-2
 
+#: A run has to leave less than this share of what the run before was missing [1]. Where loads balance it left less than
+#: 0.3; where they do not, 80 runs of a soft robot left 0.694 each time, and three minutes were gone.
+NEARER = 0.5
+
 
 def _linearized(problem: FitProblem, request: Request) -> Generator[list[Job], list[Run], Linear]:
     """Linearise one model; yields what has to be simulated.
 
-    Loads that depend on the state are made to agree with it, run by run as long as less is missing, see
+    Loads that depend on the state are made to agree with it, run by run as long as much less is missing, see
     `tdcr_fe.identify.balance`.
     """
     smallest = math.inf
@@ -131,7 +135,7 @@ def _linearized(problem: FitProblem, request: Request) -> Generator[list[Job], l
             if missing <= BALANCED and known:
                 beside = yield part.differences(plain)
                 return part.linear(run, plain, beside)
-            if not missing < smallest or run.acted is None:
+            if not missing < NEARER * smallest or run.acted is None:
                 raise ValueError("the load does not balance with the state it depends on")
             smallest, action, request = missing, run.acted.action, request._replace(reference=run)
     except ValueError as error:

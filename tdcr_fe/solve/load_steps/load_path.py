@@ -145,10 +145,11 @@ def _input_ramp(system: SceneSystem, state: SolverState, i: int) -> InputRamp:
 
 @dataclass(frozen=True)
 class Increment:
-    """End of an accepted substep, as it is kept for other runs."""
+    """End of a substep, as it is kept for other runs."""
 
     load_factor: float  # Fraction of the load step, in [0, 1] [1]
     state: StoredState  # The solved state
+    judged: bool = True  # Whether the substep has passed the judges
 
 
 class LocatedReversals(NamedTuple):

@@ -23,6 +23,7 @@ class Proposal(NamedTuple):
 
     end: float  # Load factor [1]
     warm_start: SolverState | None = None  # A state that is near its end
+    judged: bool = False  # Whether that state has passed the judges in a similar run
 
 
 class Trial(NamedTuple):
@@ -35,6 +36,7 @@ class Trial(NamedTuple):
     result: NewtonResult
     # Whether Newton's method began at its start, and not at a state near the solution
     from_start: bool = True
+    beside: SolverState | None = None  # The state near its end that has passed the judges in a similar run
     error: float = 0.0  # Largest displacement of a node that is not resolved of its path, over the length [1]
     rejected: int = 0  # Iterations of former solutions of the substep
     # Where it is to be divided because of its path, as a fraction of it; 0 where forces have to balance first
@@ -115,7 +117,8 @@ def solved(solver: SubstepSolver, path: SolvedPath, proposal: Proposal, ahead: i
     if proposal.warm_start is not None:
         result = solver.solve(with_unknowns_of(proposal.warm_start, before), proposal.end, None, before)
         if result.converged:
-            return Trial(solver, path, proposal.end, substeps, result, from_start=False)
+            beside = proposal.warm_start if proposal.judged else None
+            return Trial(solver, path, proposal.end, substeps, result, from_start=False, beside=beside)
         spent = result.iterations
     result = solver.solve(before, proposal.end, path.linearization, before)
     return Trial(solver, path, proposal.end, substeps, result, rejected=spent)

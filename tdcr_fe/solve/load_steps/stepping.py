@@ -83,10 +83,14 @@ def _has_room(trial: Trial) -> bool:
 def did_not_jump(trial: Trial) -> Trial | Instead:
     """Whether its halves lead to the same state, where it may have jumped to another branch; else it is halved.
 
-    Where no more substeps are allowed, it passes, with its distance from the end of the halves as its error.
+    Where it ends near a similar run it did not jump, as that did not. Where no more substeps are allowed, it passes,
+    with its distance from the end of the halves as its error.
     """
-    solver, first = trial.solver, (trial.start, trial.before)
-    for last in (*trial.within, (trial.end, trial.result.state)):
+    solver, first, after = trial.solver, (trial.start, trial.before), trial.result.state
+    same_sign = trial.before.tangent_sign * after.tangent_sign >= 0
+    if trial.beside is not None and same_sign and not _is_suspect(solver, trial.beside, after):
+        return trial
+    for last in (*trial.within, (trial.end, after)):
         if _jump_possible(solver, first, last):
             away, spent = _distance_of_halves(solver, first, last)
             solver.ramp.apply(solver.system, trial.end)
@@ -98,16 +102,17 @@ def did_not_jump(trial: Trial) -> Trial | Instead:
 
 
 def _jump_possible(solver: SubstepSolver, first: Point, last: Point) -> bool:
-    """Whether a substep may have jumped: the tangent changed its sign, or slopes do not exclude it where it is suspect.
-
-    Suspect are a large rotation, and a bay beyond its buckling load.
-    """
+    """Whether a substep may have jumped: the tangent changed its sign, or it is suspect, and slopes do not exclude it."""
     before, after = first[1], last[1]
     if before.tangent_sign * after.tangent_sign < 0:
         return True
+    return _is_suspect(solver, before, after) and not is_continuous(solver, first, last)
+
+
+def _is_suspect(solver: SubstepSolver, before: SolverState, after: SolverState) -> bool:
+    """Whether a state may be on another branch than one before: a section turned far, or a bay passed its buckling."""
     turn = before.configuration.turn_to(after.configuration)
-    suspect = turn > solver.settings.max_substep_turn or solver.passes_buckling(before, after)
-    return suspect and not is_continuous(solver, first, last)
+    return turn > solver.settings.max_substep_turn or solver.passes_buckling(before, after)
 
 
 def _distance_of_halves(solver: SubstepSolver, first: Point, last: Point) -> tuple[float, int]:
@@ -209,7 +214,7 @@ def solve_load_step(
     """
     system, ramp = solver.system, solver.ramp
     try:
-        proposals = [Proposal(p.load_factor, system.warm_start(begin.state, p.state)) for p in near]
+        proposals = [Proposal(p.load_factor, system.warm_start(begin.state, p.state), p.judged) for p in near]
         if substeps is not None:
             path = _taken(solver, begin, proposals or equal_parts(substeps), MUST_CONVERGE)
         else:
