@@ -348,7 +348,7 @@ class _Run(MeshedRun):
         if self.request.reference_path is not None:
             return self.request.reference_path[number - 1]
         warm = self.warm_starts.get(number)
-        return () if warm is None or substeps is not None else (Increment(1.0, warm, judged=False),)
+        return () if warm is None or substeps is not None else (Increment(1.0, warm),)
 
     def _follow(self, solved: SolvedLoadStep) -> None:
         """Record the path of a load step, and differentiate along it."""

@@ -149,7 +149,7 @@ class Increment:
 
     load_factor: float  # Fraction of the load step, in [0, 1] [1]
     state: StoredState  # The solved state
-    judged: bool = True  # Whether the substep has passed the judges
+    judged: bool = False  # Whether the substep has passed the judges
 
 
 class LocatedReversals(NamedTuple):
@@ -215,7 +215,7 @@ class SolvedPath:
 
     def recorded(self) -> list[Increment]:
         """The ends of its substeps, for other runs."""
-        return [Increment(each.load_factor, each.state.stored()) for each in self.increments]
+        return [Increment(each.load_factor, each.state.stored(), judged=True) for each in self.increments]
 
     def then(self, other: SolvedPath) -> SolvedPath:
         """Join another part that begins where this one ends."""

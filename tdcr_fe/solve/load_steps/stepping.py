@@ -102,7 +102,7 @@ def did_not_jump(trial: Trial) -> Trial | Instead:
 
 
 def _jump_possible(solver: SubstepSolver, first: Point, last: Point) -> bool:
-    """Whether a substep may have jumped: the tangent changed its sign, or it is suspect, and slopes do not exclude it."""
+    """Whether a substep may have jumped: the tangent changed its sign, or slopes do not exclude that it did."""
     before, after = first[1], last[1]
     if before.tangent_sign * after.tangent_sign < 0:
         return True
