@@ -12,7 +12,8 @@ from searches import causes_of, check_run, declared, problem_of, read_as_predict
 from tdcr_fe import Disks, Experiment, Load, LoadStep, Reading, Robot
 from tdcr_fe.effects import Parameter, effect
 from tdcr_fe.effects.base import Kind
-from tdcr_fe.identify import identify, state_loads
+from tdcr_fe.identify import derivatives, identify, state_loads
+from tdcr_fe.identify.balance import Agreement
 from tdcr_fe.identify.bay_state import FORCE, Action, BayState, last_direction, with_action
 from tdcr_fe.identify.causes import Attraction, Cord, StateLoad
 from tdcr_fe.identify.derivatives import Column, Request, linearize
@@ -153,6 +154,19 @@ def bent_by(moments, *times):
     steps = tuple(LoadStep(loads={"tip": Load(LENGTH, moment=(0.0, m, 0.0))}, time=t) for m, t in rows)
     readings = (Reading(k, "position_x", LENGTH, 0.0, 1e-4) for k in range(1, len(steps) + 1))
     return rod, problem_of(data_of(steps, tuple(readings), rod))
+
+
+def test_a_load_that_hardly_comes_nearer_to_balance_is_given_up(monkeypatch):
+    """80 runs of a soft robot left 0.694 each."""
+    missing = iter((1.0, 0.9))
+
+    def hardly(loads, values, run, robot):
+        return Agreement(
+            run.acted.action, np.zeros((*run.bays.rotation.shape[:1], 24, 1)), run.bays, next(missing)
+        )
+
+    monkeypatch.setattr(derivatives, "agreed", hardly)
+    assert not under(declared()[0], load_of(HARDENING), {"coefficient": 1e-3}).solved
 
 
 def test_dry_friction_holds_the_arc_back_by_one_moment():
