@@ -111,6 +111,7 @@ class Recipe:
     friction: bool = False  # whether the tendons have friction in the holes
     # "time": steps have times; "row": the cause depends on the number of the row, steps have none
     clock: str = ""
+    listed: str = ""  # the listed effect that is the cause, if there is one since
 
 
 def _bent(b: BackboneState, d: Declared) -> Array:
@@ -244,7 +245,8 @@ RECIPES: tuple[Recipe, ...] = (
            _law(lambda b, d, x: d.stiffer(b, 0.25 * x * b.time / d.duration)), clock="row"),
     Recipe("taper", "stiffness", "place", _tapered),
     Recipe("softer half", "stiffness", "place", _halves, friction=True),
-    Recipe("tendon at another angle", "routing", "nothing", _misplaced(angle_base=-0.07, angle_end=-0.07)),
+    Recipe("tendon at another angle", "routing", "nothing", _misplaced(angle_base=-0.07, angle_end=-0.07),
+           listed="misplaced_channels"),
     Recipe("tendon nearer to the axis at the tip", "routing", "place", _misplaced(factor_end=-0.15), friction=True),
     Recipe("attraction to a point", "force", "position", _force(False, _attraction)),
     Recipe("harness", "force", "position", _force(False, _harness), friction=True),
