@@ -88,14 +88,9 @@ class Unlisted(Campaign):
 
     def row(self, outcome: Outcome) -> dict[str, Any]:
         """Errors in millimetres."""
-        errors = {"before": outcome.before, "after": outcome.after, "noise": outcome.noise}
-        rounded = {k: None if x is None else round(1e3 * x, 3) for k, x in errors.items()}
-        return {
-            **super().row(outcome),
-            "passed": outcome.passed,
-            **rounded,
-            "seconds": round(outcome.seconds, 1),
-        }
+        row = {**super().row(outcome), "passed": outcome.passed, "seconds": round(outcome.seconds, 1)}
+        known = (k for k in ("before", "after", "noise") if row[k] is not None)
+        return row | {k: round(1e3 * row[k], 3) for k in known}
 
     def report(self, outcomes: Sequence[Outcome]) -> list[str | pd.DataFrame]:
         """All sets, errors in millimetres, and counts."""
