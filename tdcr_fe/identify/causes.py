@@ -215,7 +215,7 @@ class LawLoad(StateLoad):
 
 
 class PointForce(StateLoad):
-    """A force on one point of the backbone along the line to a fixed point of the world, which depends on the distance.
+    """A force on one point of the backbone towards a fixed point of the world, which depends on the distance.
 
     Parameters
     ----------
@@ -226,7 +226,7 @@ class PointForce(StateLoad):
     state
         Of the declared model.
     law
-        ``k``, its strength, first, and for a cord ``slack``, the distance from which on it pulls.
+        Its `strength` first, and for a cord ``slack``, the distance from which on it pulls.
     """
 
     def __init__(self, name: str, sentence: str, bay: int, state: BayState, law: Numbers) -> None:
@@ -236,6 +236,13 @@ class PointForce(StateLoad):
         kind, price = Kind("force", ("position",), where), math.log(state.choices(bay))
         super().__init__(f"{name} ({where})", kind, (*point, *law), (), sentence, price)
         self.declared = state.moved[:, bay]
+
+    #: The parameter that is zero where nothing acts.
+    strength = "k"
+
+    def times(self, factor: Array | float, strength: Array) -> Array:
+        """The strengths of forces so many times as large."""
+        return np.asarray(factor * strength)
 
     def pull(self, distance: Array, values: Values) -> Array:
         """The force towards the point at a distance [N]."""
@@ -257,12 +264,12 @@ class PointForce(StateLoad):
         distance = np.sqrt(np.sum(apart**2, axis=1) + (1e-3 * self.reach) ** 2)  # never quite zero
         return np.asarray((self.pull(distance, values) / distance)[:, None] * apart)
 
-    def by_values(self, moved: Array, values: Values) -> Array:
-        """Derivatives of the force by all parameters, shape (K, 3, P).
-
-        The first three are those by the fixed point, and with the other sign by what that of the backbone has moved.
-        """
-        found = []
+    def derivatives(self, moved: Array, values: Values) -> Array:
+        """Of the force, by what the point of the backbone has moved and by all parameters, shape (K, 3, 3 + P)."""
+        found, h = [], 1e-7 * self.reach
+        for axis in np.eye(3):
+            sides = (self.force(moved + x * axis, values) for x in (h, -h))
+            found.append(np.subtract(*sides) / (2.0 * h))
         for p in self.parameters:
             h = 1e-6 * p.scale
             sides = (self.force(moved, {**values, p.name: values[p.name] + x}) for x in (h, -h))
@@ -271,7 +278,7 @@ class PointForce(StateLoad):
 
     def unidentifiable_at_null(self, experiment: Experiment) -> tuple[str, ...]:
         """All but the strength."""
-        return tuple(p.name for p in self.parameters if p.name != "k")
+        return tuple(p.name for p in self.parameters if p.name != self.strength)
 
     def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
         """The first point of `tries`; `tdcr_fe.identify.screening` tries all."""
@@ -290,7 +297,7 @@ class PointForce(StateLoad):
                     yield {"x": x, "y": y, "z": z, **law}
 
     #: Of the points that are tried, over the length [1].
-    distances = (0.5, 0.9, 1.5)
+    distances: tuple[float, ...] = (0.5, 0.9, 1.5)
 
 
 class Attraction(PointForce):
@@ -324,7 +331,7 @@ class Attraction(PointForce):
 
 
 class Cord(PointForce):
-    """A force towards a point that grows in proportion from some distance on: a slack cord; from a far point, a wall.
+    """A force towards a point that grows in proportion from some distance on, as of a slack cord.
 
     Parameters
     ----------
@@ -334,14 +341,14 @@ class Cord(PointForce):
         A typical one [N/m].
     """
 
-    distances = (0.4, 1.5, 6.0)
+    distances = (0.4, 1.5)
 
     def __init__(self, bay: int, state: BayState, stiffness: float) -> None:
         length = float(state.edges[-1])
         k = Parameter("k", "N/m", 0.0, 1e4 * stiffness, 0.0, stiffness, "force per distance beyond the slack")
         slack = Parameter("slack", "m", 0.0, 20.0 * length, 0.0, 0.02 * length, "distance where it begins")
-        sentence = "a force towards a fixed point that begins at some distance from it"
-        super().__init__("cord or wall", f"{sentence}: a slack cord, or a wall", bay, state, (k, slack))
+        sentence = "a force towards a fixed point that begins at some distance from it, as of a slack cord"
+        super().__init__("cord", sentence, bay, state, (k, slack))
 
     def pull(self, distance: Array, values: Values) -> Array:
         """See `PointForce.pull`."""
@@ -351,6 +358,52 @@ class Cord(PointForce):
         """Taut in most rows, and in a few."""
         k = self.parameters[3].scale
         return [{"k": k, "slack": float(np.nanquantile(distance, q))} for q in (0.3, 0.8)]
+
+
+class Wall(PointForce):
+    """A plane that pushes back what goes beyond it, seen from the origin, in proportion to the depth.
+
+    Its point is the one nearest to the origin, at the foot of the perpendicular. Its stiffness over the sum of that and
+    of the straight backbone, a cantilever, is the share: in proportion to it the readings change, from no wall to a
+    rigid one. With the stiffness itself a fit ended at half of 60 N/m, stuck.
+
+    Parameters
+    ----------
+    bay, state
+        See `PointForce`.
+    stiffness
+        Of the straight backbone, bent by a force on its tip [N/m].
+    """
+
+    strength = "share"
+
+    def __init__(self, bay: int, state: BayState, stiffness: float) -> None:
+        meaning = "of the way beyond the wall that it takes back"
+        share = Parameter("share", "1", 0.0, 0.9999, 0.0, 0.01, meaning)
+        super().__init__("wall", "a force that a flat wall pushes back with", bay, state, (share,))
+        self.stiffness = stiffness * (2.0 * self.reach / self.at) ** 3
+
+    def force(self, moved: Array, values: Values) -> Array:
+        """See `PointForce.force`."""
+        foot = np.array([values[a] for a in ("x", "y", "z")])
+        distance = max(float(np.linalg.norm(foot)), 1e-6 * self.reach)
+        depth = (np.array([0.0, 0.0, self.at]) + moved) @ foot / distance - distance
+        k = self.stiffness * values["share"] / (1.0 - values["share"])
+        return np.asarray(-k * np.outer(np.maximum(depth, 0.0), foot / distance))
+
+    def times(self, factor: Array | float, strength: Array) -> Array:
+        """See `PointForce.times`."""
+        odds = factor * strength / (1.0 - strength)
+        return np.asarray(odds / (1.0 + np.maximum(odds, 0.0)))
+
+    def tries(self, moved: Array) -> Iterator[dict[str, float]]:
+        """Walls that are touched in most rows, and in a few; ``moved``: as in `force`."""
+        path = np.array([0.0, 0.0, self.at]) + moved
+        for direction in _DIRECTIONS:
+            for distance in np.nanquantile(path @ direction, (0.3, 0.8)):
+                if distance > 0.05 * self.reach:
+                    x, y, z = (distance * direction).tolist()
+                    yield {"x": x, "y": y, "z": z, "share": 0.5}
 
 
 def _sphere() -> Array:

@@ -341,10 +341,10 @@ def _towards_point(space: _Space, cause: PointForce, run: Run, follows: bool = T
         for _ in range(3 if follows else 1):
             moved = before + (response @ force)[..., 0]
             missing = cause.force(moved, values)[..., None] - force
-            by = cause.by_values(moved, values)
-            matrix = np.eye(3) + by[..., :3] @ response
+            by = cause.derivatives(moved, values)
+            matrix = np.eye(3) - by[..., :3] @ response
             force = force + np.linalg.solve(matrix, missing)
-        by_values = np.linalg.solve(matrix, by)
+        by_values = np.linalg.solve(matrix, by[..., 3:])
         largest = float(np.max(np.linalg.norm(force, axis=1)))
         return _Pulled((by_force @ force[steps])[:, 0, 0], (by_force @ by_values[steps])[:, 0], largest)
 
@@ -356,13 +356,14 @@ def _towards_point(space: _Space, cause: PointForce, run: Run, follows: bool = T
 
     tries = list(cause.tries(before))
     low, high = (np.array([getattr(p, end) for p in cause.parameters]) for end in ("lower", "upper"))
-    strength, scales = names.index("k"), [p.scale for p in cause.parameters]
+    strength, scales = names.index(cause.strength), [p.scale for p in cause.parameters]
     forces = np.stack([cause.force(before, values) for values in tries], axis=-1)
     columns = space.free((by_force @ forces[steps])[:, 0])
     size = np.maximum(np.sum(columns**2, axis=0), 1e-300)
     amplitudes = columns.T @ space.rest / size
     starts = np.array([[values[n] for n in names] for values in tries])
-    strengths = np.clip(amplitudes * starts[:, strength], 0.999 * low[strength], 0.999 * high[strength])
+    strengths = cause.times(amplitudes, starts[:, strength])
+    strengths = np.clip(strengths, 0.999 * low[strength], 0.999 * high[strength])
     starts[:, strength] = strengths
     promised = np.where(strengths > low[strength], size * amplitudes**2, 0.0)
     if not np.any(promised > 0.0):
@@ -372,7 +373,7 @@ def _towards_point(space: _Space, cause: PointForce, run: Run, follows: bool = T
     z = found.x
     if follows:  # a larger force bends or buckles the robot beyond first order
         most = space.problem.data.robot.backbone.EI / cause.at**2
-        z[strength] *= min(1.0, most / max(at(*z.tolist()).largest, 1e-300))
+        z[strength] = cause.times(min(1.0, most / max(at(*z.tolist()).largest, 1e-300)), z[strength])
     best, change = dict(zip(names, z.tolist(), strict=True)), at(*z.tolist()).change
 
     def begin() -> Start:

@@ -245,38 +245,19 @@ def fit_proposals(
     not tried that cannot become as probable, to first order. Where none of the best improves on the best model so far,
     also on held-out steps, the others that were evaluated are fitted, too, until one does.
     """
-    problem, most = state.problem, search.settings.candidates
-    half = (most + 1) // 2
+    problem, half = state.problem, (search.settings.candidates + 1) // 2
     waiting = sorted(pool, key=lambda x: x.criterion)
     lowest = {x: min(f.cost for f in state.fits.values() if not x or f.named) for x in (True, False)}
     races = {x: fitting.Race(fitting.limit_beside(cost), search.deadline) for x, cost in lowest.items()}
     noise, ready = fitting.limit_beside(float(np.count_nonzero(problem.fitted))), list[_Evaluated]()
-    promised = {x.names: x.criterion for x in pool}
+    proposed = {x.names for x in pool}
 
     def fits() -> list[Fit]:
-        return [f for k, f in state.fits.items() if k in promised and f.solved]
+        return [f for k, f in state.fits.items() if k in proposed and f.solved]
 
     for named in (None, True, False):
-        batch = waiting[:1] if named is None else [x for x in waiting[1:] if x.named is named]
-        chosen: dict[frozenset[str], Proposal] = {}
-        # Causes without a name are tried where they may do better than those with one, or match the model ahead; and
-        # where they promise about as much as the first of all or of listed effects, whatever that has reached.
-        listed = [x for x in waiting if x.named]
-        fitted = (state.fits.get(x.names) for x in listed)
-        needed = min((_reached(problem, f) for f in fitted if f is not None), default=math.inf)
-        needed = max([needed, *(x.criterion for x in (*waiting[:1], *listed[:1]))])
-        for x in batch:
-            if not x.named and ahead is None and x.criterion > needed + FIRST_ORDER * x.parent.cost:
-                continue
-            same = [y.laws for y in chosen.values()]
-            enough = same.count(x.laws) >= half or (x.laws not in same and len(set(same)) >= most)
-            late = search.out_of_time and state.best.effects
-            if enough or late or x.names in state.fits or x.names in chosen:
-                continue
-            if ahead is None or could_match(problem, ahead, x, promised.get(frozenset(ahead.names))):
-                chosen[x.names] = x
         try:
-            ready += _evaluated(state, list(chosen.values()))
+            ready += _evaluated(state, _to_evaluate(search, state, waiting, named, ahead))
         except OutOfTime:
             break
         now = [f.may_leave(noise) if named is None else f.proposal.named is named for f in ready]
@@ -301,6 +282,36 @@ def fit_proposals(
                 better = ahead is None or criteria.rank(problem, new) < criteria.rank(problem, ahead)
                 ahead = new if better and criteria.residual_is_noise(problem, new) else ahead
     return state, fits()
+
+
+def _to_evaluate(
+    search: Search, state: SearchState, waiting: Sequence[Proposal], named: bool | None, ahead: Fit | None
+) -> list[Proposal]:
+    """The first of all that wait (``named`` is None), or of the rest those of listed effects, or the others.
+
+    Of so many laws, half as many forms or places each. Causes without a name are tried where they may do better than
+    those with one, or match the model ahead; and where they promise about as much as the first of all or of listed
+    effects, whatever that has reached.
+    """
+    problem, most = state.problem, search.settings.candidates
+    batch = waiting[:1] if named is None else [x for x in waiting[1:] if x.named is named]
+    promised = {x.names: x.criterion for x in waiting}
+    listed = [x for x in waiting if x.named]
+    fitted = (state.fits.get(x.names) for x in listed)
+    needed = min((_reached(problem, f) for f in fitted if f is not None), default=math.inf)
+    needed = max([needed, *(x.criterion for x in (*waiting[:1], *listed[:1]))])
+    chosen: dict[frozenset[str], Proposal] = {}
+    for x in batch:
+        if not x.named and ahead is None and x.criterion > needed + FIRST_ORDER * x.parent.cost:
+            continue
+        same = [y.laws for y in chosen.values()]
+        enough = same.count(x.laws) >= (most + 1) // 2 or (x.laws not in same and len(set(same)) >= most)
+        late = search.out_of_time and state.best.effects
+        if enough or late or x.names in state.fits or x.names in chosen:
+            continue
+        if ahead is None or could_match(problem, ahead, x, promised.get(frozenset(ahead.names))):
+            chosen[x.names] = x
+    return list(chosen.values())
 
 
 class _Evaluated(NamedTuple):

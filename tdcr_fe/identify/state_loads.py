@@ -21,7 +21,7 @@ from tdcr_fe.effects.base import Kind, Values
 from tdcr_fe.elements import Array
 from tdcr_fe.identify.balance import scale
 from tdcr_fe.identify.bay_state import COMPONENTS, FORCE, MOMENT, BayState, end_of_bay, last_direction
-from tdcr_fe.identify.causes import Attraction, Cord, Held, LawLoad, StateLoad, number, settling_span
+from tdcr_fe.identify.causes import Attraction, Cord, Held, LawLoad, StateLoad, Wall, number, settling_span
 from tdcr_fe.identify.criteria import OTHER_GRAVITY, PER_FACTOR, UNNAMED
 from tdcr_fe.identify.rows import possible_starts, tip_forces
 from tdcr_fe.model.loading import resolve
@@ -428,6 +428,7 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> Iterator
         falls = (2, 1, 3) if bay == bays - 1 else (2,)
         yield from (Attraction(bay, state, power, strength) for power in falls)
         yield Cord(bay, state, strength / length)
+        yield Wall(bay, state, 3.0 * float(size[-1]) / length)
 
 
 def _free(term: Term, state: BayState) -> list[tuple[str, str, Callable[[BayState], Array]]]:

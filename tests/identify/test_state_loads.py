@@ -15,7 +15,7 @@ from tdcr_fe.effects.base import Kind
 from tdcr_fe.identify import derivatives, identify, state_loads
 from tdcr_fe.identify.balance import Agreement
 from tdcr_fe.identify.bay_state import FORCE, Action, BayState, last_direction, with_action
-from tdcr_fe.identify.causes import Attraction, Cord, StateLoad
+from tdcr_fe.identify.causes import Attraction, Cord, StateLoad, Wall
 from tdcr_fe.identify.derivatives import Column, Request, linearize
 from tdcr_fe.identify.dictionary import dictionary
 from tdcr_fe.identify.forward import Job
@@ -29,8 +29,12 @@ TERMS = {t.key: t for t in library(4, TIME)}
 HARDENING = TERMS["bending stiffness that changes with the curvature"]
 TOWARDS_A_POINT = pytest.mark.parametrize(
     ("kind", "law", "own"),
-    [(Attraction, (2, 1e-3), {"k": 5e-5}), (Cord, (0.01,), {"k": 0.2, "slack": 0.19})],
-    ids=["attraction", "cord"],
+    [
+        (Attraction, (2, 1e-3), {"k": 5e-5}),
+        (Cord, (0.01,), {"k": 0.2, "slack": 0.19}),
+        (Wall, (0.5,), {"x": 0.04, "y": 0.01, "z": 0.01, "share": 0.15}),
+    ],
+    ids=["attraction", "cord", "wall"],
 )
 
 
@@ -313,7 +317,7 @@ def test_derivatives_with_a_load_that_depends_on_the_state_are_those_of_differen
     pull, stiffness = kind(run.bays.shape[1] - 1, run.bays, *law), effect("stiffness_scale")
     values = {pull.name: {"x": -0.15, "y": -0.1, "z": 0.2, **own}}
     values[stiffness.name] = {"bending": 1.0, "torsion": 1.0}
-    free = [(pull, "k", 1e-6), (pull, "x", 1e-3), (stiffness, "bending", 1e-3)]
+    free = [(pull, pull.strength, 1e-6), (pull, "x", 2e-4), (stiffness, "bending", 1e-3)]
     assert np.count_nonzero(pull.action(run.bays, values[pull.name]))
 
     def at(changed=None, by=0.0):
