@@ -47,8 +47,10 @@ class Identified(NamedTuple):
             sigma = np.array(result["standard_errors"], dtype=float)
             correlation = np.array(result["correlation"], dtype=float)
             names, digests, friction = result["parameters"], result["input"], result["friction"]
+            if not np.all(np.isfinite(correlation * np.outer(sigma, sigma))):
+                raise ValueError
         except (OSError, ValueError, KeyError, TypeError):
-            allowed = "must be a folder with a result.json of identify (this version)"
+            allowed = "must be a folder with a result.json of identify (this version), with all standard errors"
             reporter("identified", str(folder), allowed)
             return NONE_IDENTIFIED
         own = {n: d for n, d in (data.digests or {}).items() if n in ("robot.toml", "model.toml")}

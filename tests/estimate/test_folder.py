@@ -230,6 +230,7 @@ def test_effects_that_identify_found_act_with_their_covariance(wrong, tmp_path, 
     ("file", "old", "new", "words"),
     [
         ("found/result.json", "standard_errors", "errors", "must be a folder with a result.json of identify"),
+        ("found/result.json", "[0.05", "[null", "of identify (this version), with all standard errors"),
         ("robot.toml", "", "\n", "must be found with the robot.toml and model.toml of this folder"),
         ("estimate.toml", "_x = 0.1", "_x = -0.1", "uncertain.precurvature.kappa_x = -0.1: must be"),
         ("estimate.toml", "kappa_x", "kapa_x", "did you mean kappa_x?"),
