@@ -91,8 +91,7 @@ def _build_robot(data: dict[str, Any], reporter: Reporter) -> RobotParts:
         reporter.contradictions(checks.spring_contradictions(top.get("springs", ()), length))
     robot = None
     if len(reporter.problems) == before and backbone is not None and disks is not None:
-        rest = {k: top[k] for k in ("name", "tip_mass", "springs", "base_stiffness")}
-        robot = Robot(backbone, disks, tendons, **rest)
+        robot = Robot(**{**top, "backbone": backbone, "disks": disks, "tendons": tendons})
     known = "tendons" not in bad and len(set(names)) == len(tables)
     return RobotParts(robot, length, names if known else None, tendons)
 
@@ -253,7 +252,9 @@ def read_model(path: StrPath, robot: Robot | None = None) -> Model:
 
 
 def read_model_file(path: StrPath | None, robot: Robot | None = None) -> tuple[Model, SolverSettings]:
-    """Read `model.toml`, which contains only the tables `[model]` and `[solver]`.
+    """Read the tables `[model]` and `[solver]` of a `model.toml`.
+
+    The tables `[effects]` and `[inputs]` are refused: they belong to a folder of measured data.
 
     Parameters
     ----------
