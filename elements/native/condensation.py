@@ -53,7 +53,7 @@ class ElasticTendons(NamedTuple):
             compliance=np.where(inextensible, 1.0 / own_stiffness(self.model), parameters.compliance),
             lengths=parameters.lengths + np.where(inextensible[:, None], self.history.stretch, 0.0),
         )
-        return replace(self.model, law=TendonLaw(elastic, law.law, law.hysteresis))
+        return replace(self.model, law=TendonLaw(elastic, law.model, law.hysteresis))
 
     def forces(self, measured: Measurement, near: Array) -> TendonForces:
         """Forces where the tension of tendons driven by displacement follows from their elasticity.

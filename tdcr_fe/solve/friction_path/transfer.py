@@ -70,9 +70,8 @@ class CapstanTransfer(NamedTuple):
         holes_before, incidence, base_of_segment, friction, base = [], [], [], [], []
         for own in tendons:
             m, n = len(own.which), own.law.shape[1]
-            at_holes = own.law.law.hole_incidence(n)
             holes_before += [np.tri(n, n - 1, -1)] * m
-            incidence += [at_holes[:, frictional].T for frictional in own.frictional]
+            incidence += [own.law.hole_incidence[:, frictional].T for frictional in own.frictional]
             base_of_segment.append(np.eye(m)[own.driven].repeat(n, axis=1))
             friction.append(own.law.parameters.friction[own.which].ravel())
             given = own.tension.copy()

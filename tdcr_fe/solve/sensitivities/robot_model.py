@@ -188,8 +188,8 @@ _TABLES = tuple(f.name for f in fields(TendonParameters) if f.name != "laws")
 
 def _joined_law(laws: Sequence[TendonLaw]) -> TendonLaw:
     """The laws of several models as that of all their tendons; tendons of models without friction have none."""
-    mobilised = next((law.law for law in laws if law.law.active), laws[0].law)
-    parameters = [x.parameters if x.law.active else _without_friction(x.parameters) for x in laws]
+    mobilised = next((law.model for law in laws if law.model.active), laws[0].model)
+    parameters = [x.parameters if x.model.active else _without_friction(x.parameters) for x in laws]
     joined = {name: np.concatenate([getattr(p, name) for p in parameters]) for name in _TABLES}
     of_coefficients = tuple(x for p in parameters for x in p.laws)
     return TendonLaw(TendonParameters(**joined, laws=of_coefficients), mobilised, laws[0].hysteresis)
@@ -323,7 +323,7 @@ class ExplicitDerivatives:
         self._creeps = any(m.experiment.robot.backbone.creep_rate != 0.0 for m in models)
         self._weight = np.stack([m.weight for m in models], axis=1)
         self._tendons = TendonStack.of([m.forces for m in models])
-        self.law = self._tendons.law.law
+        self.law = self._tendons.law.model
         self.arc_lengths = self._derivative(np.stack([m.forces.mesh.arc_lengths for m in models]))
 
     def _derivative(self, values: Array) -> Array:

@@ -49,10 +49,9 @@ class Derivative:
     former: Array  # as `slip`, of the history before it
     mobilisation: Array  # as `slip`
     slip_rate: Array  # as `slip`
-    # (m, P): Tension and slip at the base plate, and prescribed tension or displacement [N, m]
-    base_tension: Array
-    base_slip: Array  # as `base_tension`
-    inputs: Array  # (m, P): Tension and slip at the base plate, and prescribed tension or displacement [N, m]
+    base_tension: Array  # (m, P): Tension of every tendon at the base plate [N]
+    base_slip: Array  # (m, P): Its slip through the base plate [m]
+    inputs: Array  # (m, P): What its drive prescribes: tension [N] or displacement [m]
     loads: Array  # (L, 6, P): Of the concentrated loads
     time: Array  # (P,): [s]
 
@@ -182,7 +181,7 @@ class SensitivityHistory:
     def refuse_others(self) -> None:
         """Refuse a scene in which holes have slipped since the last load step."""
         robot, law = self.handle.actuation, self.handle.actuation.law
-        if self.inputs.restarts.all() or not law.law.active:
+        if self.inputs.restarts.all() or not law.model.active:
             return
         passed = np.abs(robot.friction_without_stretch().slip - self.carried.slip)
         if passed.max(initial=0.0) > law.hysteresis.presliding:
