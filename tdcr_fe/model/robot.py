@@ -72,7 +72,8 @@ class Tendon(Checked):
     friction_coefficient : float
         Coefficient of friction between tendon and holes [1]. ``mu`` in the Capstan equation (paper, Eq. 28).
     end : float or None
-        Arc length of the disk it is anchored to, without it the tip; any arc length without disks [m].
+        Arc length of the disk to which it is anchored; by default the tip [m]. On a robot without disks it may be
+        anchored anywhere.
     axial_stiffness : float or None
         Axial stiffness EA of the tendon [N]. None is inextensible.
     adhesion : float
@@ -189,7 +190,7 @@ class Robot(Checked):
     disks : Disks
         The rigid disks on it; without them tendons follow the backbone.
     tendons : tuple of Tendon
-        One table per tendon.
+        Its tendons; in ``robot.toml`` one table ``[[tendons]]`` for each.
     name : str
         Name of the robot.
     tip_mass : float

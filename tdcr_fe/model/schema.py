@@ -1,5 +1,6 @@
-"""Bounds, units and descriptions as annotations of dataclass fields, checked by pydantic.
+"""Machinery: how dataclass fields are annotated with bounds, units and descriptions, and how pydantic checks them.
 
+The keys that a file may have are in `tdcr_fe.io.keys`, which takes them from the dataclasses of `tdcr_fe.model`.
 A field such as ``length: Annotated[float, Quantity(unit="m", gt=0.0)]`` is checked by `Checked` when the object is
 made, and by `Keys.read` when a file is read. Its description is the first sentence about it in the section Attributes
 of the class. The JSON schema made of both says what is allowed: in errors, in the templates of files, and to editors.
