@@ -1,7 +1,7 @@
-"""Causes without a name, also those that no description of a robot can have.
+"""Unlisted causes, also those that no description of a robot can have.
 
 A cause perturbs something, depends on something, and acts somewhere (`Kind`). The listed effects are named causes.
-Loads that depend on the solved state, and shifts of the readings, are causes without a name.
+Loads that depend on the solved state, and shifts of the readings, are unlisted causes.
 """
 
 from __future__ import annotations
@@ -192,7 +192,8 @@ class StateLoad(BesideDescription):
     def slope(self, state: BayState, values: Values) -> Array:
         """Derivative of the action by curvatures and displacements of the same bay and row, shape (K, n_bays, 6, 6).
 
-        Every other row changes at a time: what follows the change since the row before does not see one of both.
+        Every other row is changed at a time. A law may depend on the change since the row before, which would not show
+        if both rows were changed by the same amount.
         """
         here, length = self.action(state, values), float(state.edges[-1])
         found = np.zeros((*here.shape, COMPONENTS))

@@ -25,10 +25,10 @@ from tdcr_fe.model.channels import CHANNELS, arc_lengths
 from tdcr_fe.model.loading import Load
 from tdcr_fe.model.units import mistaken
 
-#: A fault explains the data where their mean square over sigma falls to that of noise, from so many times that of noise
-#: or more, by this factor or more [1]. It also does where the mean square falls by the square of the factor:
-#: displacements of the other sign, with errors of 30 and 100 um, leave a 190th to a 29th, wrong faults beside them an
-#: eighth.
+#: A fault is looked for where the mean square of the residual over sigma is at least so many times that of noise. It
+#: explains the data where it reduces that to noise and by this factor, or by the square of the factor [1]. A missing
+#: effect may be left beside the right fault, which still removes far more than a wrong one: displacements with the
+#: other sign and errors of 30 and 100 um left a 190th to a 29th, wrong faults an eighth.
 MISFIT = 4.0
 #: A noise of sigma changes every reading where the readings differ by less than this share of sigma [1].
 RESOLVED = 0.2

@@ -1,4 +1,4 @@
-"""The dictionary of small causes: the listed effects in all their forms and places, and causes without a name.
+"""The dictionary of small causes: the listed effects in all their forms and places, and unlisted causes.
 
 Each is a column, or a few, of the derivatives of all readings (`tdcr_fe.identify.screening`). What is perturbed, what
 that depends on and where it acts is the kind of a cause (`tdcr_fe.identify.causes`).
@@ -53,10 +53,10 @@ def dictionary(problem: FitProblem, state: BayState) -> tuple[Effect, ...]:
     listed = [form for e in catalogue for form in e.forms(experiment)]
     of_places = (e for e in catalogue if isinstance(e, PlaceEffect))
     places = [e.at(place) for e in of_places for place in e.places(experiment.robot)]
-    return (*listed, *places, *unnamed(problem, state))
+    return (*listed, *places, *unlisted(problem, state))
 
 
-def unnamed(problem: FitProblem, state: BayState) -> list[Cause]:
+def unlisted(problem: FitProblem, state: BayState) -> list[Cause]:
     """Causes on no list."""
     found = [*_along(problem), *input_causes(problem), *_loads_and_base(problem), *_rough_holes(problem)]
     found += [*_compressible(problem, state), *_friction_laws(problem, state)]

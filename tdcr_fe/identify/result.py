@@ -108,7 +108,7 @@ NOT_EVALUATED = Errors(Misfit(None, None, None, math.nan), Misfit(None, None, No
 
 @dataclass(frozen=True)
 class AddedEffect:
-    """An effect or a cause without a name that was added."""
+    """An effect or an unlisted cause that was added."""
 
     name: str  # of the listed effect
     parameters: Mapping[str, Estimate]  # from the final model
@@ -123,7 +123,7 @@ class AddedEffect:
     probability: float = 1.0
     kind_probability: float = 1.0
     form: str = ""  # name of the form that was fitted; empty: that of the effect
-    sentence: str = ""  # what a cause without a name does; empty for effects
+    sentence: str = ""  # what an unlisted cause does; empty for effects
 
     def to_json(self) -> dict[str, Any]:
         """As in ``result.json``, under ``effects``."""
@@ -151,7 +151,7 @@ class AddedEffect:
 
 
 class Law(NamedTuple):
-    """The causes without a name in the final model."""
+    """The unlisted causes in the final model."""
 
     causes: tuple[AddedEffect, ...]
 
@@ -387,7 +387,7 @@ class Simulated:
     """What repeats the run of the final model."""
 
     # Robot, model with the mesh of the fit, loading sequence and observation: as declared, and with the effects that
-    # were added; causes without a name stand there as the loads that they give
+    # were added; unlisted causes stand there as the loads that they give
     commanded: Experiment
     corrected: Experiment
     solver: SolverSettings
@@ -407,7 +407,7 @@ class IdentificationResult:
         One of "explained", "explained by a law found", "partly explained", "unexplained", "nothing missing",
         "cannot tell" (too few or too noisy data), "unfinished" (interrupted, or out of time).
     effects : tuple of AddedEffect
-        In the order of adding, causes without a name among them.
+        In the order of adding, unlisted causes among them.
     before, after : Errors
         Of the declared and of the final model.
     noise : Misfit
@@ -427,7 +427,7 @@ class IdentificationResult:
         What may be different in every step and would account for a part of what is left; None where nothing would.
     by_set : tuple of SetErrors
         Of every data set, where several were given.
-    unlisted : float
+    unknown : float
         Probability of one cause that is not in the dictionary, where several causes together leave noise [1].
     """
 
@@ -448,7 +448,7 @@ class IdentificationResult:
     next_experiment: NextExperiment | None = None
     scatter: Scatter | None = None
     by_set: tuple[SetErrors, ...] = ()
-    unlisted: float = 0.0
+    unknown: float = 0.0
 
     def next_loading(self) -> str | None:
         """The next experiment as the text of a ``loading.csv``; None where there is none."""
@@ -465,7 +465,7 @@ class IdentificationResult:
     @property
     def names_nothing(self) -> bool:
         """Whether one cause that is not in the dictionary may well look like the causes found together."""
-        return self.unlisted > 1.0 - NAMED
+        return self.unknown > 1.0 - NAMED
 
     @property
     def fitted_to_all(self) -> bool:
@@ -480,7 +480,7 @@ class IdentificationResult:
 
     @property
     def law(self) -> Law | None:
-        """The causes without a name; None where there are none."""
+        """The unlisted causes; None where there are none."""
         causes = tuple(e for e in self.effects if e.sentence)
         return Law(causes) if causes else None
 

@@ -217,9 +217,9 @@ def as_good(state: SearchState) -> list[Fit]:
 def posterior(state: SearchState) -> list[tuple[Fit, float]]:
     """Probabilities of all models that were fitted, from their evidence; those below one in a million are left out.
 
-    Where models with causes without a name, or with other forms of its effects, predict the same as the best one, but
-    for less than sigma in all readings together, their weight counts for it. Where the best
-    model has several causes, the rest up to 1 is the probability of one cause that is not in the dictionary.
+    The weight of a model counts for the best one if both predict the same (they differ by less than sigma in all
+    readings together) and it has unlisted causes, or the same effects in other forms. Where the best model has several
+    causes, the rest up to 1 is the probability that one unknown cause acts instead of them.
     """
     problem, best = state.problem, state.best
 
@@ -231,6 +231,6 @@ def posterior(state: SearchState) -> list[tuple[Fit, float]]:
     solved = [f for f in state.fits.values() if f.solved] or [best]
     logarithms = np.array([-0.5 * criteria.rank(problem, f) / noise for f in solved])
     weights = np.exp(logarithms - np.max(logarithms))
-    weights *= (1.0 - criteria.probability_of_unlisted(best)) / np.sum(weights)
+    weights *= (1.0 - criteria.probability_of_unknown(best)) / np.sum(weights)
     every = zip(solved, weights.tolist(), strict=True)
     return [(best if same_explanation(f) else f, w) for f, w in every if w > 1e-6]

@@ -22,7 +22,7 @@ from tdcr_fe.elements import Array
 from tdcr_fe.identify.balance import scale
 from tdcr_fe.identify.bay_state import COMPONENTS, FORCE, MOMENT, BayState, end_of_bay, last_direction
 from tdcr_fe.identify.causes import Attraction, Cord, Held, LawLoad, StateLoad, number, settling_span
-from tdcr_fe.identify.criteria import OTHER_GRAVITY, PER_FACTOR, UNNAMED
+from tdcr_fe.identify.criteria import OTHER_GRAVITY, PER_FACTOR, UNLISTED
 from tdcr_fe.identify.rows import possible_starts, tip_forces
 from tdcr_fe.model.loading import resolve
 
@@ -349,13 +349,13 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> Iterator
         if numbers:
             yield StateLoad(name, kind, tuple(numbers), tuple(t for *_, t in terms), text, price)
 
-    # Of several folders times begin anew, and what changes does so between them.
+    # In several folders the time begins anew in each, so changes are taken to occur between folders.
     restarts = problem.data.restarts
     counts = ROW if restarts else clock
     rows = restarts or (possible_starts(problem.data) if progress else ())
     parts = parts_of_rows(counts, {problem.data.step_ids[k]: float(counts.value(state)[k, -1]) for k in rows})
     parts_of_backbone = len(ranges(bays))
-    # another stiffness, or another precurvature, before a row is one from it on
+    # only those from a row on: a jump before it differs by a change in all rows, which is a cause of its own
     jumps = [Term((part,), d) for part in parts[::2] for d in (BENDING, SECTION)]
     for term in (*library(bays, clock), *jumps):
         if not progress and ROW in term.factors:
@@ -422,7 +422,7 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> Iterator
     spread = [(a, "N/m", partial(_spread, axis=i)) for i, a in enumerate("xyz")]
     kind = Kind("force", ("nothing",), "along the backbone")
     text = "a constant force along the whole backbone"
-    yield from load("force along the backbone", kind, spread, text, 0.5 * OTHER_GRAVITY - UNNAMED)
+    yield from load("force along the backbone", kind, spread, text, 0.5 * OTHER_GRAVITY - UNLISTED)
     strength = TYPICAL * float(size[-1])
     for bay in range(bays):
         falls = (2, 1, 3) if bay == bays - 1 else (2,)

@@ -96,7 +96,7 @@ WITHOUT_NAME = [
 
 
 def known(about: FitProblem, name: str) -> Effect:
-    """A listed effect, a form of one, or a cause without a name."""
+    """A listed effect, a form of one, or an unlisted cause."""
     listed = name.split(" (")[0]
     if listed not in {e.name for e in EFFECTS}:
         return causes_of(about)[1][name]

@@ -116,12 +116,14 @@ class ResidualScales:
 class RobotUnknowns(NamedTuple):
     """Positions of one robot's unknowns."""
 
-    robot: int  # Its number
+    robot: int  # Number of the robot
     nodes: slice  # Body-frame increments of its nodes
-    driven: Index  # Its tendons whose displacement is prescribed
-    tensions: slice  # Their tensions at the base
+    # Numbers of its tendons whose length wound is prescribed (displacement or motor angle), so that their tension at
+    # the base is unknown; `Numbering.at_driven` and its like pick these
+    driven: Index
+    tensions: slice  # Tensions at the base of these tendons
     frictional: Flags  # (m, g): Which of its mobilisations are unknowns
-    mobilisations: slice  # Where these are
+    mobilisations: slice  # Mobilisations that are unknowns
     clamped: bool  # Whether its base is clamped to ground
 
 
@@ -301,7 +303,10 @@ class SceneLayout:
         )
 
     def only_robots_resist(self, loads: Sequence[Array]) -> bool:
-        """Whether nothing else resists motion: no other objects, and no loads that turn, of concentrated ones (6,)."""
+        """Whether only robots resist motion: no other objects do, and no load turns with a body.
+
+        ``loads``: force and moment of every concentrated load, shape (6,) each.
+        """
         if not self.no_others or self.others_turn:
             return False
         # A moment of zero does not turn.
