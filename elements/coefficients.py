@@ -82,10 +82,10 @@ class Linearisation(NamedTuple):
     """Tensions for given coefficients, and the coefficients that the laws return at those tensions."""
 
     tension: Array  # (m, n): [N]
-    slopes: Slopes  # Of the tensions for given coefficients
+    slopes: Slopes  # Derivatives of the tensions for given coefficients
     law: Coefficients  # Coefficients that the laws return at these tensions
-    by_tension: Array  # (m, n-1, n): Of the laws' coefficients by the tensions [1/N]
-    by_coefficient: Array  # (m, n, n-1): Of the tensions by the coefficients [N]
+    by_tension: Array  # (m, n-1, n): Derivatives of the laws' coefficients by the tensions [1/N]
+    by_coefficient: Array  # (m, n, n-1): Derivatives of the tensions by the coefficients [N]
 
     @property
     def matrix(self) -> Array:

@@ -55,7 +55,7 @@ class StrainState(NamedTuple):
     wrench: Array  # (..., E, 6): Gradient of the energy by the twists [N, N m]
     stiffness: Array  # (..., E, 3, 3): Of torsion and bending [N m^2]
     loaded: Array  # (..., E, 3): Curvature less that in the unloaded state [1/m]
-    taper: Array  # (..., E): As of `BackboneMesh`
+    taper: Array  # (..., E): See `BackboneMesh.taper`
 
     def curvature_rates(self) -> Array:
         """First and second derivative of the curvature by arc length in the middle of every element, in beam axes.

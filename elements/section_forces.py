@@ -29,10 +29,8 @@ THINNEST = 0.1
 class ContinuousTendons:
     """Tendons that follow the backbone."""
 
-    # (m, E, 4, 3): Position and derivative of position along arc length, in beam axes, at `gauss_arc_lengths`
-    # [m, 1]
-    offset: Array
-    slope: Array  # as `offset`
+    offset: Array  # (m, E, 4, 3): Position in the section, in beam axes, at `gauss_arc_lengths` [m]
+    slope: Array  # (m, E, 4, 3): Its derivative by the arc length [1]
     weight: Array  # (m, E): One where the tendon runs along the element, zero beyond its end
 
     def evaluate(self, twists: Array, lengths: Array) -> tuple[Array, Array]:

@@ -167,7 +167,7 @@ class ActuatorBacklash(Effect):
         return self, NumberForm(self, "from the middle", ["from_middle"], experiment)
 
     def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
-        """Of both forms."""
+        """The travel that is lost at the start, and that of which half is lost there."""
         return *self.parameters, self._middle
 
     def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:

@@ -114,13 +114,13 @@ class Passage:
     """What the readings of a frame say about its unknowns, and how these go on; see `smoothed`."""
 
     kept: Array  # (n,): What is left of the unknowns at the end of the frame before
-    covariance: Array  # (n, n): Before the readings
-    jacobian: Array  # (n_readings, n): Of the readings over their noise
+    covariance: Array  # (n, n): Covariance of the unknowns before the readings
+    jacobian: Array  # (n_readings, n): Derivatives of the readings over their noise by the unknowns
     pull: Array  # (n,): The readings have changed the mean by the covariance times this
     carried: Array  # (n, n): From the unknowns to those at the end of the frame
-    positions: Array  # (N, 3, n): Derivatives of the nodes
-    rotations: Array  # as `positions`
-    base_tensions: Array  # (m, n)
+    positions: Array  # (N, 3, n): Derivatives of the positions of the nodes by the unknowns
+    rotations: Array  # (N, 3, n): Derivatives of their rotations
+    base_tensions: Array  # (m, n): Derivatives of the tensions at the base
 
 
 @dataclass(frozen=True, eq=False)

@@ -385,7 +385,7 @@ class Solved:
         by[:m, inputs] = np.diag(scale)  # without bounds
         tensions, compliances = tensions_without_bounds(simulation)
         tensions = np.where(wound, tensions, commands.values + scale * self.unknowns[inputs])
-        counted = wound & (np.diagonal(by_node.gaps) > -0.5)  # as taut
+        counted = wound & (np.diagonal(by_node.gaps) > -0.5)  # tendons that count as taut
         changes = np.where(counted[:, None], by_node.base_tensions, -by_node.gaps / compliances[:, None])
         taut, left = within_bounds(tensions, spread(changes @ by), 0.0, np.inf)
         # Such an error is that of the input which has the same effect.

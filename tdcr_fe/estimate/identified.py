@@ -29,11 +29,12 @@ _NAME = re.compile(r"(\w+)(?: \(.*\))?\.(.*)")
 class Identified(NamedTuple):
     """Model and effects in the results of an identification."""
 
-    friction: str  # Of the model; empty where there are no results
-    effects: Effects  # All of them, with their values
-    # (q,): Of the parameters of those that were found, ``EFFECT.PARAMETER``; where more than noise is left, none was
+    friction: str  # Friction of the identified model; empty where there are no results
+    effects: Effects  # All effects, with their values
+    # (q,): Names ``EFFECT.PARAMETER`` of the numbers of effects that were found; where more than noise is left, none
+    # was
     names: tuple[str, ...]
-    covariance: Array  # (q, q): Of these, or of their inverse where that was fitted
+    covariance: Array  # (q, q): Covariance of these numbers, or of their inverse where that was fitted
 
     @classmethod
     def read(cls, folder: Path, data: MeasuredData, reporter: Reporter) -> Identified:

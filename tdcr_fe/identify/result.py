@@ -291,7 +291,7 @@ class Scatter(NamedTuple):
     place: str  # where a force acts; empty for others
     size: float  # standard deviation, over the input [1] or in `unit`
     unit: str  # "N" or "m": alike in all steps; "1": in proportion to every input
-    # Of all readings: the final model's, and with the most likely values in every step
+    # Misfit of all readings: of the final model, and of that with the most likely values in every step
     before: Misfit
     after: Misfit
     steps: tuple[int, ...] = ()  # those in which it is larger than noise, if these are fewer than half

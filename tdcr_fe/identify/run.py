@@ -168,8 +168,8 @@ class Run:
     s: Array  # arc lengths of the nodes [m], shape (n,)
     positions: Array  # [m], shape (n_steps, n, 3)
     rotations: Array  # shape (n_steps, n, 3, 3)
-    curvature_rates: Array  # as of `StepResult`, shape (n_steps, n - 1, 2, 3)
-    # [m, N, N], shape (n_steps, n_tendons)
+    curvature_rates: Array  # see `StepResult.curvature_rates`, shape (n_steps, n - 1, 2, 3)
+    # of all tendons: length pulled in at the base [m], tension there and at the anchor [N], shape (n_steps, n_tendons)
     displacements: Array
     base_tensions: Array
     distal_tensions: Array

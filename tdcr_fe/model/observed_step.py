@@ -118,7 +118,7 @@ class ObservedStep:
     tendon_names : tuple of str
     observation : Observation
     curvature_rates : ndarray, shape (..., n - 1, 2, 3), or None
-        As of `StepResult`.
+        See `StepResult`.
     """
 
     s: Array

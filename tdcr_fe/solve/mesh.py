@@ -149,7 +149,7 @@ def exact_elements(
     """
     section, mesh, h = model.forces.section, model.forces.mesh, model.forces.mesh.lengths[:, None]
     stiffness = mesh.stiffness.copy()
-    # Of the section itself: without the residual flexibility of bending in the shear.
+    # The stiffness of the section itself, without the residual flexibility of bending that is added to the shear.
     add_residual_flexibility(stiffness, mesh.lengths, -1.0)
     thick, wide = _sizes(mesh)
     compliance = 1.0 / (stiffness[:, None, :] * np.stack((*[wide**2] * 3, *[thick**4] * 3), axis=-1))

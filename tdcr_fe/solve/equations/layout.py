@@ -51,11 +51,12 @@ def buckling_shortening(robot: TendonActuation) -> Array:
 class ResidualScales:
     """Scales of the residuals."""
 
-    # By unknown: forces by one, moments by a lever of a fiftieth of the length, gaps in joints by the length
+    # Factor of every residual: one of forces, one over a lever (a fiftieth of the length) of moments, one over the
+    # length of gaps in joints
     weights: Array
     nodes: int  # Number of beam nodes
     forces: int  # Number of unknowns whose residual is a force or moment; gaps follow
-    length: float  # Of the longest backbone [m]
+    length: float  # Length of the longest backbone [m]
     # EI / L^2 of the softest robot, the smallest scale of forces [N]; a base that gives way is no part of it
     elastic_force: float
 

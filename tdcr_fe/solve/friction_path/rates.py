@@ -58,10 +58,10 @@ class PathUnknowns(NamedTuple):
     # reversal that was not foreseen is left as it is [m]
     tolerance: float
     scale: Array  # (n,): From the unknowns to lengths [m, m/N]
-    lower: Array  # (n,): Bounds: -1 and 1 of mobilisations [1]; 0 and infinity of tensions [N]
-    upper: Array  # as `lower`
-    near_lower: Array  # (n,): Values beyond which an unknown counts as at its bound: round-off away from it
-    near_upper: Array  # as `near_lower`
+    lower: Array  # (n,): Lower bound: -1 of mobilisations [1], 0 of tensions [N]
+    upper: Array  # (n,): Upper bound: 1 of mobilisations [1], infinity of tensions [N]
+    near_lower: Array  # (n,): Below this value an unknown counts as at its lower bound: round-off above it
+    near_upper: Array  # (n,): Above this value it counts as at its upper bound
 
     @classmethod
     def of(cls, presliding: Array, base_tension: Array, tension: Array) -> PathUnknowns:
@@ -204,7 +204,7 @@ def solve_rates(derivatives: SlipDerivatives, side: Array, slack: Array, unknown
         if slack.size:
             violated[unknowns.holes :] &= kept
         if pivoted:
-            # Those that left their bounds must move inward.
+            # Unknowns that left their bounds must move inward.
             outward = side * unknowns.scale * rate > unknowns.tolerance
             violated |= outward
             back = np.where(outward, side, 0.0)

@@ -77,7 +77,7 @@ class EndResponse(NamedTuple):
 class Reversals(NamedTuple):
     """Slip reversals within a substep, and what the mobilisations at its end count from."""
 
-    path: FrictionPath  # Of the holes of tendons under tension, followed through the substep
+    path: FrictionPath  # Friction path of the holes of tendons under tension through the substep
     response: EndResponse
     effect: float  # Largest displacement of a node that reversals cause at its end, over the length [1]
     error: float  # Uncertainty of that effect [1]

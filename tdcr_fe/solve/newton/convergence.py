@@ -42,10 +42,10 @@ class NewtonStatus(Enum):
 class Unmet(NamedTuple):
     """A condition of a solution that is not met."""
 
-    status: NewtonStatus  # Of a solve that ends here
+    status: NewtonStatus  # Status of a solve that ends here
     measured: str  # What the error is, in words
-    error: float  # What was found, and what is allowed [1]
-    tolerance: float  # as `error`
+    error: float  # The error that was found [1]
+    tolerance: float  # The largest error that is allowed [1]
 
     @property
     def text(self) -> str:
