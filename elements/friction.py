@@ -21,7 +21,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,16 +83,12 @@ class TendonParameters:
         return [(x, self.follows & np.array([own == x for own in self.laws])[:, None]) for x in each]
 
 
-#: Names of the entries of `FRICTION_MODELS`, as a type.
-FrictionKind = Literal["none", "per-tendon", "per-hole"]
-
-
 @dataclass(frozen=True)
 class FrictionModel:
     """Which slip drives friction at which holes, by ``g`` mobilisations of every tendon.
 
     The matrices are given for a number ``n`` of segments. Adding a model takes an entry of `FRICTION_MODELS` and its
-    name in `FrictionKind`.
+    name in `tdcr_fe.model.loading.FrictionKind`.
     """
 
     # From released segment lengths to the slip that drives each mobilisation, shape (g, n)

@@ -10,7 +10,6 @@ import numpy as np
 
 from tdcr_fe.elements import Array, Flags
 from tdcr_fe.elements.drives import DISPLACEMENT, DRIVES, TENSION, Drive, TendonDrives
-from tdcr_fe.elements.friction import FrictionKind
 from tdcr_fe.elements.hysteresis import HysteresisKind
 from tdcr_fe.model.checks import step_contradictions
 from tdcr_fe.model.messages import shown
@@ -19,6 +18,8 @@ from tdcr_fe.model.schema import Checked, FieldError, Quantity, check_instance
 
 Vector = tuple[float, float, float]
 TendonPath = Literal["straight", "continuous"]
+#: Names of the entries of `tdcr_fe.elements.friction.FRICTION_MODELS`, as a type.
+FrictionKind = Literal["none", "per-tendon", "per-hole"]
 
 _AT = "an arc length [m], from 0 to the length of the backbone"
 _GRAVITY = "three finite numbers [m/s^2] of at most 1e5, such as [0.0, 0.0, -9.81]"
