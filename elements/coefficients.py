@@ -143,7 +143,7 @@ def tension_derivatives(
     angles
         Turning angles [rad], shape (m, n-1).
     rate_by_length
-        Of the slip rates at the holes by the segments' lengths at kept tensions [1/s], shape (m, n-1, n).
+        Derivatives of the slip rates at the holes by the segments' lengths at kept tensions [1/s], shape (m, n-1, n).
     hole_incidence
         From the mobilisations to the holes, shape (n-1, g).
     """

@@ -305,7 +305,7 @@ class TendonLaw:
         normal
             Normal forces at the holes [N], shape (m, n-1).
         rate
-            Of the slips [m/s], shape (m, g).
+            Rate of the slips [m/s], shape (m, g).
         mobilisation
             Shape (m, g).
         """
@@ -492,7 +492,7 @@ def hole_states(mobilisation: Array, count: int) -> tuple[str, ...]:
     Parameters
     ----------
     mobilisation
-        Of the holes 1 .. n-1, shape (>= count - 1,).
+        Mobilisation of the holes 1 .. n-1, shape (>= count - 1,).
     count
         Number of segments.
     """

@@ -39,9 +39,9 @@ class ContinuousTendons:
         Parameters
         ----------
         twists
-            Of the elements, shape (..., E, 6).
+            Twists of the elements, shape (..., E, 6).
         lengths
-            Of the elements [m], shape (E,).
+            Lengths of the elements [m], shape (E,).
 
         Returns
         -------
@@ -111,7 +111,7 @@ def wrench_tangent(wrenches: Callable[[Array], Array], twists: Array, step: Arra
     wrenches
         From twists (..., E, 6) to wrenches (..., E, 12).
     twists, step
-        Of the elements, and by how much they are changed for the differences, shape (E, 6).
+        Twists of the elements, and by how much they are changed for the differences, shape (E, 6).
     """
     shifts = np.concatenate((np.eye(6), -np.eye(6)))[:, None, :] * step
     w = wrenches(twists + shifts)

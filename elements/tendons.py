@@ -222,7 +222,7 @@ class CableGeometry:
         Parameters
         ----------
         positions, rotations
-            Of the nodes that carry holes [m], shapes (..., N, 3) and (..., N, 3, 3).
+            Positions and rotations of the nodes that carry holes [m], shapes (..., N, 3) and (..., N, 3, 3).
 
         Returns
         -------
@@ -252,7 +252,7 @@ class CableGeometry:
         Parameters
         ----------
         positions, rotations
-            Of the nodes that carry holes [m], shapes (N, 3) and (N, 3, 3).
+            Positions and rotations of the nodes that carry holes [m], shapes (N, 3) and (N, 3, 3).
         """
         count, offsets, arms = self.mask.shape[1] + 1, self._offsets, self._levers
         if self.shifts:

@@ -129,7 +129,7 @@ class TendonActuation:
         forces
             Its forces.
         coordinates
-            Of the nodes, without reference values, shape (N, 7).
+            Coordinates of the nodes, without reference values, shape (N, 7).
         """
         tension = forces.field.tension
         stretched = stretch(self.model, tension, forces.measured.shape.lengths)

@@ -111,7 +111,7 @@ def stretch(model: ForceModel, tension: Array, lengths: Array) -> Array:
     model
         With the tendons as they are.
     tension, lengths
-        Of the segments [N, m], shape (m, n).
+        Tensions and lengths of the segments [N, m], shape (m, n).
     """
     relative = tension / own_stiffness(model)
     stretched = -lengths * relative / (1.0 + relative)

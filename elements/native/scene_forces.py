@@ -91,7 +91,7 @@ class SceneForces:
         Parameters
         ----------
         coordinates
-            Of the nodes, without reference values, shape (7 N,).
+            Coordinates of the nodes, without reference values, shape (7 N,).
         tendons
             In the step.
         by_law
@@ -140,7 +140,7 @@ class SceneForces:
         coordinates, tendons
             As in `at`; the inputs include what motors have wound.
         motors
-            Of the robot.
+            Motors of the robot.
         """
         found = self.at(coordinates, tendons)
         on_nodes = generalized_forces(found.forces.nodal_wrenches, found.rotations, found.parameters)
@@ -181,7 +181,7 @@ def with_motors(motors: Sequence[Motor], tangent: Array, found: Evaluation, to_t
     Parameters
     ----------
     motors
-        Of the robot; all tendons with motors are driven by displacement.
+        Motors of the robot; all tendons with motors are driven by displacement.
     tangent
         By the coordinates of the nodes at fixed angles, shape (7 N, 7 N).
     found

@@ -445,7 +445,7 @@ class MisplacedChannels(Effect):
         )
 
     def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
-        """Of all tendons, and of each."""
+        """Numbers for all tendons, and for each."""
         common = (*self.parameters, *self._further)
         return (*common, *for_each((*common, self._angle), {t: t for t in experiment.robot.tendon_names}))
 

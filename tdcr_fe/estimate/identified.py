@@ -65,7 +65,7 @@ class Identified(NamedTuple):
         return cls(friction, effects, tuple(".".join(parts[k]) for k in which), covariance)
 
     def prior(self, data: MeasuredData, sigma: Mapping[str, float]) -> ParameterPrior:
-        """Of the effects that act on the robot; the numbers of those on commands or measurement alone are as found.
+        """Prior of the effects that act on the robot; numbers of those on commands or measurement alone are as found.
 
         ``sigma``: standard deviations of other parameters.
         """

@@ -91,7 +91,7 @@ class Cause(Effect):
         return [[{**null, **held, name: value} for name, value in moved] for held in alternatives]
 
     def unidentifiable_at_null(self, experiment: Experiment) -> tuple[str, ...]:
-        """Those that are held."""
+        """Parameters that are held, see `held`."""
         return tuple(self.held)
 
 
@@ -221,11 +221,11 @@ class PointForce(StateLoad):
     Parameters
     ----------
     name, sentence
-        Of the cause.
+        Name and sentence of the cause.
     bay
         Number of the bay at whose end it acts, from 0.
     state
-        Of the declared model.
+        State of the declared model.
     law
         ``k``, its strength, first, and for a cord ``slack``, the distance from which on it pulls.
     """
@@ -302,7 +302,7 @@ class Attraction(PointForce):
     bay, state
         See `PointForce`.
     power
-        Of the distance.
+        Power of the distance.
     strength
         A typical force [N].
     """
@@ -374,5 +374,5 @@ class ReadingCause(BesideDescription):
     """
 
     def shift(self, problem: FitProblem, run: Run, values: Values) -> Array:
-        """Of the readings, in their units, shape (n,)."""
+        """Shift of the readings, in their units, shape (n,)."""
         return self.added(values, (problem.count,), problem, run)

@@ -94,7 +94,7 @@ class _Grid:
 
     @classmethod
     def of(cls, problem: FitProblem, declared: Fit, family: str) -> _Grid:
-        """Of the problem's readings and the declared model's predictions."""
+        """Grid of the problem's readings and the declared model's predictions."""
         names = [c.quantity for c in CHANNELS if c.family == family]
         which = np.flatnonzero(np.isin(problem.readings.quantities, names))
         places = [problem.data.readings[i].location for i in which]
@@ -417,7 +417,7 @@ def _other_drives(problem: FitProblem, declared: Fit, grid: _Grid) -> tuple[floa
 
 
 def _most_promising(problem: FitProblem, declared: Fit, grid: _Grid, changes: Sequence[_Change]) -> _Promise:
-    """That of several changes which fits best without friction."""
+    """The one of several changes of the inputs that fits best without friction."""
     plain = replace(
         problem.experiment, model=replace(problem.experiment.model, friction="none", elements_per_bay=1)
     )

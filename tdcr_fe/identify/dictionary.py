@@ -47,7 +47,7 @@ def dictionary(problem: FitProblem, state: BayState) -> tuple[Effect, ...]:
     problem
         With the listed effects in its catalogue.
     state
-        Of the declared model.
+        State of the declared model.
     """
     experiment, catalogue = problem.experiment, problem.catalogue
     listed = [form for e in catalogue for form in e.forms(experiment)]
@@ -187,7 +187,7 @@ def _has_coefficients(problem: FitProblem) -> bool:
 
 
 def _more_friction(tendons: Sequence[Tendon]) -> Parameter:
-    """Of coefficients that do not fall below zero, where no number would change anything, nor count."""
+    """A change of friction by which no coefficient falls below zero, where a number would change nothing."""
     largest = max((t.friction_coefficient for t in tendons), default=0.0)
     return number("friction", "1", (-largest, 2.0), 0.0, 0.02)
 
@@ -346,7 +346,7 @@ def _with_holes(
 
 
 def _shift(robot: Robot) -> Numbers:
-    """Of holes in their plane, as far as to the opposite side of the backbone: a tendon may be in the wrong hole."""
+    """A shift of holes in their plane, up to the other side of the backbone: a tendon may be in a wrong hole."""
     offset = max(float(np.max(np.linalg.norm(robot.holes(t), axis=1))) for t in robot.tendons)
     return tuple(number(a, "m", (-2.0 * offset, 2.0 * offset), 0.0, 0.02 * offset) for a in "xy")
 
@@ -508,7 +508,7 @@ def _sensors(problem: FitProblem) -> Iterator[ReadingCause]:
 
 
 def _sensor_names(r: Reading) -> tuple[str, ...]:
-    """Of the kind of the sensor of a reading, and of the sensor; none of a marker."""
+    """Names of the kind of a reading's sensor, and of the sensor; none for a marker."""
     if r.channel.family == "position":
         return ()
     at = f"{r.location:.4g} m" if isinstance(r.location, float) else r.location

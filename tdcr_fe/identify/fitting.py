@@ -161,7 +161,7 @@ def can_be_seen(changes: Array, reach: Array) -> Flags:
     Parameters
     ----------
     changes
-        Of the readings over sigma by a typical step of each parameter, shape (n, p).
+        Changes of the readings over sigma by a typical step of each parameter, shape (n, p).
     reach
         Largest change of each parameter within its bounds, in typical steps, shape (p,).
     """
@@ -294,7 +294,7 @@ def _weighted(problem: FitProblem, fit: Fit) -> tuple[Array, Array]:
 
 
 def covariance(problem: FitProblem, fit: Fit) -> Array:
-    """Of the coordinates of the free parameters, shape (p, p).
+    """Covariance of the coordinates of the free parameters, shape (p, p).
 
     Enlarged where the misfit is above noise, and by the effect of the errors of mesh and path.
     """

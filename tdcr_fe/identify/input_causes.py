@@ -43,7 +43,7 @@ class Commands(NamedTuple):
 
     @classmethod
     def of(cls, experiment: Experiment) -> Commands:
-        """Of one loading sequence."""
+        """The commands of one loading sequence."""
         steps, names = experiment.steps, experiment.robot.tendon_names
         kinds = {}
         for kind in ("tensions", "displacements"):

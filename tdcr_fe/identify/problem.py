@@ -227,11 +227,11 @@ class FitProblem:
 
 
 #: An effect and its values.
-_Given = tuple[Effect, tuple[tuple[str, float], ...]]
+_WithValues = tuple[Effect, tuple[tuple[str, float], ...]]
 
 
 @lru_cache
-def _applied(problem: FitProblem, every: tuple[_Given, ...]) -> Experiment:
+def _applied(problem: FitProblem, every: tuple[_WithValues, ...]) -> Experiment:
     """The experiment with effects, in this order; kept, since derivatives by other effects begin with the same ones.
 
     Actuator loss alone took a tenth of the time of an identification with it.
@@ -318,8 +318,8 @@ def refine(problem: FitProblem, effects: Sequence[Effect], values: Point, run: R
     -------
     problem : FitProblem
     run : Run
-        Of the model on the mesh of that problem; the given one where nothing was changed, so that earlier predictions
-        still count.
+        The run of the model on the mesh of that problem; the given one where nothing was changed, so that earlier
+        predictions still count.
     """
     problem = replace(problem, correction=np.zeros(problem.count))
 
@@ -356,7 +356,7 @@ def join_steps(experiment: Experiment) -> Experiment:
     Parameters
     ----------
     experiment
-        Of one loading sequence, with all its effects.
+        One loading sequence, with all its effects.
 
     Returns
     -------

@@ -409,7 +409,7 @@ class IdentificationResult:
     effects : tuple of AddedEffect
         In the order of adding, unlisted causes among them.
     before, after : Errors
-        Of the declared and of the final model.
+        Errors of the declared and of the final model.
     noise : Misfit
         What the noise alone gives, which the misfits are compared with.
     held_out_steps : tuple of int
@@ -426,7 +426,7 @@ class IdentificationResult:
     scatter : Scatter or None
         What may be different in every step and would account for a part of what is left; None where nothing would.
     by_set : tuple of SetErrors
-        Of every data set, where several were given.
+        Errors of every data set, where several were given.
     unknown : float
         Probability of one cause that is not in the dictionary, where several causes together leave noise [1].
     """

@@ -346,7 +346,7 @@ def _noise_variance(blocks: Sequence[_Block], ratio: float) -> float:
 
 
 def _log_likelihood(blocks: Sequence[_Block], ratio: float) -> float:
-    """Of the residual, at the likeliest variance of the readings, but for a constant."""
+    """Log-likelihood of the residual at the likeliest variance of the readings, up to a constant."""
     count = sum(b.readings.size for b in blocks)
     spread = sum(float(np.sum(np.log1p(ratio * b.strength**2))) for b in blocks)
     return -0.5 * (count * float(np.log(max(_noise_variance(blocks, ratio), 1e-300))) + spread)
@@ -391,7 +391,7 @@ def _by_inputs(
 
 
 def _derivatives(problem: FitProblem, experiment: Experiment, run: Run, count: int) -> Array:
-    """Of the predictions over sigma by what a run is differentiated by, zero where not solved, shape (n, count)."""
+    """Derivatives of the predictions over sigma by the parameters of a run, zero where not solved, shape (n, count)."""
     if not run.solved:
         return np.zeros((problem.count, count))
     derivatives = problem.readings.derivatives(run, experiment) / problem.sigma[:, None]

@@ -175,7 +175,7 @@ _LISTED = {((), BENDING), ((), SECTION), ((), TENDONS)}
 
 
 def _unit(target: str, given: Iterable[str]) -> str:
-    """Of a coefficient that takes factors of these units to a target."""
+    """Unit of a coefficient that takes factors of these units to a target."""
     powers: Counter[str] = Counter()
     for sign, unit in ((1, target), *((-1, x) for x in given)):
         for name, power in re.findall(r"(\w)(?:\^(\S+))?", unit):
@@ -205,7 +205,7 @@ class Term:
 
     @property
     def unit(self) -> str:
-        """Of its coefficients."""
+        """Unit of its coefficients."""
         return _unit("N m", [self.direction.unit, *(f.unit for f in self.factors)])
 
     @property
@@ -466,11 +466,11 @@ class _FreeLoad(NamedTuple):
 
     @property
     def unit(self) -> str:
-        """Of its coefficients."""
+        """Unit of its coefficients."""
         return _unit("N" if self.perturbs == "force" else "N m", [self.factor.unit])
 
     def action(self, state: BayState, bay: int, axis: int) -> Array:
-        """Of a coefficient of one along an axis: a moment passes through all bays below the disk."""
+        """Action of a coefficient of one along an axis: a moment passes through all bays below the disk."""
         found = np.zeros((*state.shape, COMPONENTS))
         vector = self.factor.value(state)[:, bay, None] * self.direction(state, axis)
         if self.perturbs == "force":

@@ -93,7 +93,7 @@ def conclude(search: Search, state: SearchState, begun: float = 0.0) -> Identifi
 
 
 def _errors(problem: FitProblem, fit: Fit, which: Flags | bool = True, parameters: int = 0) -> Errors:
-    """Of a model, on some readings; ``parameters``: how many were fitted."""
+    """Errors of a model, on some readings; ``parameters``: how many were fitted."""
     r, fitted = fit.residual, which & problem.fitted
     return Errors(problem.misfit(r, fitted, parameters), problem.misfit(r, which & problem.held_out))
 

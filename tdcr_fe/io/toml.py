@@ -40,7 +40,7 @@ class Scenario:
     model : Model
     steps : tuple of LoadStep
     path : pathlib.Path
-        Of the scenario.
+        Path of the scenario.
     robot_path : pathlib.Path
     digests : mapping of str to str
         SHA-256 of both files, in hexadecimal, by file name as the user named it.
@@ -186,7 +186,7 @@ def read_toml(path: StrPath, named: Problem | None = None) -> tuple[dict[str, An
     Parameters
     ----------
     path
-        Of the file.
+        Path of the file.
     named
         The key of another file that names this one; a missing file is reported there.
 
@@ -239,7 +239,7 @@ def read_model(path: StrPath, robot: Robot | None = None) -> Model:
     Parameters
     ----------
     path
-        Of the file.
+        Path of the file.
     robot
         Whose model it is; one without disks has other defaults.
 
@@ -259,7 +259,7 @@ def read_model_file(path: StrPath | None, robot: Robot | None = None) -> tuple[M
     Parameters
     ----------
     path
-        Of the file; None: there is none, so that all has its defaults.
+        Path of the file; None: there is none, so that all has its defaults.
     robot
         Whose model it is; one without disks has other defaults.
 
@@ -348,9 +348,9 @@ def read_scenario(path: StrPath, effects: Sequence[Effect] = ()) -> Scenario:
     Parameters
     ----------
     path
-        Of the scenario.
+        Path of the scenario.
     effects
-        Of your own, besides the listed ones; see `tdcr_fe.io.user_effects.read_own_effects`.
+        Effects of your own, besides the listed ones; see `tdcr_fe.io.user_effects.read_own_effects`.
 
     Raises
     ------

@@ -48,9 +48,9 @@ class Spool(Checked):
     Attributes
     ----------
     radius : float
-        Of the spool [m]: the length wound is the radius times the motor's angle.
+        Radius of the spool [m]: the length wound is the radius times the motor's angle.
     stiffness : float or None
-        Of the spring in series with the tendon [N/m]. None is rigid.
+        Stiffness of the spring in series with the tendon [N/m]. None is rigid.
     """
 
     radius: Annotated[float, Quantity(unit="m", gt=0.0, le=1.0)]

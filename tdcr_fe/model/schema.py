@@ -65,7 +65,8 @@ class Quantity:
     description : str
         What it is, for documentation and editors; empty: as in the docstring of the class.
     unit : str
-        Of every number in it; empty where there is none. Files may give a text with another unit, such as "250 mm".
+        Unit of every number in it; empty where there is none. Files may give a text with another unit, such as "250
+        mm".
     gt, ge, le : float or None
         Bounds of every number in it.
     allowed : str
@@ -187,7 +188,7 @@ class Keys(dict[str, Any]):
     Attributes
     ----------
     defaults : mapping
-        Of keys that may be left out.
+        Defaults of keys that may be left out.
     """
 
     def __init__(self, annotations: Mapping[str, Any], defaults: Mapping[str, Any] | None = None) -> None:
@@ -196,7 +197,7 @@ class Keys(dict[str, Any]):
 
     @cached_property
     def in_file(self) -> Keys:
-        """Those that files have."""
+        """The keys that files have."""
         found = {n: a for n, a in self.items() if any(getattr(m, "in_file", False) for m in a.__metadata__)}
         return Keys(found, {n: x for n, x in self.defaults.items() if n in found})
 

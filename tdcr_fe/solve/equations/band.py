@@ -133,7 +133,7 @@ class BandLayout:
         backbone
             Tangent of the backbone.
         forces
-            Of the tendons; they must have derivatives hole by hole.
+            Forces of the tendons, with derivatives hole by hole.
         clamped
             Whether the base is clamped: its equations become zero increments.
         """

@@ -307,7 +307,7 @@ class StoredState:
         Parameters
         ----------
         before, arc_lengths
-            Of the nodes of its own and of the other mesh [m], shapes (N,) and (N',).
+            Arc lengths of the nodes of its own and of the other mesh [m], shapes (N,) and (N',).
         """
         old = self.unknowns
         # The sum of the twists from the base on is linear in the arc length within each element.

@@ -98,9 +98,9 @@ class ResidualScales:
         Parameters
         ----------
         forces
-            Of the robot.
+            Forces of the tendons of the robot.
         displacement
-            Of every tendon [m], shape (m,).
+            Displacement of every tendon [m], shape (m,).
         which
             The tendons whose displacement is prescribed.
         """
@@ -143,7 +143,7 @@ class Numbering(NamedTuple):
         Parameters
         ----------
         layout
-            Of the scene.
+            Layout of the scene.
         winds
             By robot, whose displacement is prescribed, shape (m,).
         with_friction
@@ -314,7 +314,7 @@ class SceneLayout:
         return not self.turning.any() or not np.array(loads)[self.turning].any()
 
     def alone(self, i: int) -> SceneLayout:
-        """That of one robot, which nothing couples with the others and no load turns with; all else stays as it is."""
+        """The layout of one robot that nothing couples with the others and no load turns with; the rest stays."""
         mbs, robots, joint = self.space.mbs, [self.space.robots[i]], self.clamps[i]
         reduction = BodyFrameReduction(mbs, robots[0].coordinates, np.arange(self.reduction.size))
         return replace(

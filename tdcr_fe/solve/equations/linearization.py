@@ -177,7 +177,7 @@ class SolvedStep(NamedTuple):
         Parameters
         ----------
         length
-            Of this step over that of the further one [1].
+            Length of this step over that of the further one [1].
         slope
             Linear change of the unknowns in the further one.
         """
@@ -308,13 +308,13 @@ def backbone_tangent(
     Parameters
     ----------
     residual
-        Of a state.
+        Residual of a state.
     robot, nodes
         Its number, and its nodes among those of all robots.
     damping
         See `damping_of_node`, shape (6,).
     mesh
-        Of the only robot, where nothing else resists.
+        Mesh of the only robot, where nothing else resists.
     """
     configuration = residual.state.configuration
     wrenches = residual.unbalanced[6 * nodes.start : 6 * nodes.stop]

@@ -229,7 +229,7 @@ class SceneSystem:
         target
             Inputs and time; loads are those already in the scene.
         numbering
-            Of the unknowns.
+            Numbering of the unknowns.
         iteration
             Number of the iteration, passed to the user's ``PreNewtonResidual`` function.
         hold_contact
@@ -350,9 +350,9 @@ class SceneSystem:
         residual
             The last one evaluated, whose state is in the scene.
         numbering
-            Of the unknowns.
+            Numbering of the unknowns.
         damping
-            Of nodes and other coordinates of the scene, for pseudo-transient continuation [N m].
+            Damping of nodes and other coordinates of the scene, for pseudo-transient continuation [N m].
 
         Raises
         ------

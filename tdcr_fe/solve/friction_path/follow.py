@@ -98,7 +98,7 @@ def along_segment(
     length
         Change of the load factor from its beginning on [1].
     bounds
-        Of the unknowns.
+        Bounds of the unknowns.
 
     Returns
     -------
@@ -106,7 +106,7 @@ def along_segment(
         Load factor there [1].
     unknowns : ndarray, shape (n,)
     tension : ndarray, shape (q,)
-        Of the segments [N].
+        Tension of the segments [N].
     """
     moved = path.unknowns[i] + length * path.rate[i]
     unknowns = np.minimum(np.maximum(moved, bounds.lower), bounds.upper)
@@ -262,7 +262,7 @@ def projected(
     state
         Slips there, newly evaluated.
     unknowns
-        Of the path.
+        Unknowns of the path.
 
     Returns
     -------
@@ -321,11 +321,11 @@ def follow_friction(
     slips
         In the substep.
     mobilisation
-        Of the frictional holes at its start [1], shape (k,).
+        Mobilisation of the frictional holes at its start [1], shape (k,).
     base_tension
         Tensions at the base there of tendons driven by displacement [N], shape (c,).
     tension
-        Of the segments there [N], shape (q,).
+        Tension of the segments there [N], shape (q,).
     """
     unknowns = PathUnknowns.of(slips.elastic_slip[: len(mobilisation)], base_tension, tension)
     z = np.append(mobilisation, base_tension)

@@ -50,7 +50,7 @@ class Equilibrium(NamedTuple):
 
     @property
     def numbering(self) -> Numbering:
-        """Of the unknowns."""
+        """Order of the unknowns."""
         return self.linearization.numbering
 
     @property
@@ -60,7 +60,7 @@ class Equilibrium(NamedTuple):
 
     @property
     def mobilisation(self) -> Array:
-        """Of the frictional holes [1], shape (k,)."""
+        """Mobilisations of the frictional holes [1], shape (k,)."""
         return self.numbering.at_frictional_holes(self.state.mobilisation)
 
     @property

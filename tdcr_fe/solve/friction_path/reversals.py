@@ -109,9 +109,9 @@ def find_reversals(known: KnownStates, length: float, *, refinable: bool) -> Rev
     Parameters
     ----------
     known
-        Of the substep; the last one is solved from the first as a whole.
+        Solved states of the substep; the last one is solved from the first as a whole.
     length
-        Of the longest backbone [m].
+        Length of the longest backbone [m].
     refinable
         Whether states within the substep may be solved, which decide where a slip reverses. Else the path is followed
         once more, with twice the defect, and the difference is an error, too.

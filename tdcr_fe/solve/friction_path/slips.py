@@ -88,7 +88,7 @@ class Intervals(NamedTuple):
         factors
             Load factors within the first interval [1], shape (p,).
         tensions
-            Of the segments there [N], shape (p, q).
+            Tensions of the segments there [N], shape (p, q).
         count
             Number of values.
         """
@@ -124,7 +124,7 @@ def point_on_line(intervals: Intervals, factor: float) -> tuple[Array, Array, Ar
     Returns
     -------
     tension : ndarray, shape (q,)
-        Of the segments, on the line [N].
+        Tension of the segments, on the line [N].
     values : ndarray, shape (k + c + r,)
         As in `SlipData` [m, rad].
     by_tension : ndarray, shape (k + c + r, q)
@@ -134,7 +134,7 @@ def point_on_line(intervals: Intervals, factor: float) -> tuple[Array, Array, Ar
     change : ndarray, shape (k + c + r, q)
         Derivatives of these by tensions off the line, times the length of the interval [m/N, rad/N].
     length : float
-        Of the interval between both states [1].
+        Length of the interval between both states [1].
     """
     i, last = 0, len(intervals.start) - 1
     while i < last and intervals.start[i + 1] <= factor:
@@ -189,7 +189,7 @@ def slips_at(slips: InterpolatedSlips, factor: float, z: Array, tension: Array) 
     z
         Mobilisations [1], then unknown tensions at the base [N], shape (n,).
     tension
-        Of the segments, about [N], shape (q,).
+        Tension of the segments, about [N], shape (q,).
     """
     n = len(z)
     line, values, by_every, fixed_rates, change, length = point_on_line(slips.intervals, factor)

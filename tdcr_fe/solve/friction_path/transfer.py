@@ -204,7 +204,7 @@ class AdhesiveTransfer:
         z, rate
             Unknowns and their rates, shape (k + c,).
         tension, tension_rate
-            Of the segments [N], shape (q,).
+            Tension and tension rate of the segments [N], shape (q,).
         """
         here, pace = z[: self._holes], rate[: self._holes]
         crossing = (here * pace < 0.0) & (tension[self._before] <= 0.0)

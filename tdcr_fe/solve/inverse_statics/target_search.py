@@ -61,7 +61,7 @@ class TrialSteps:
     Parameters
     ----------
     simulation
-        Of the robot; it need not be at its beginning.
+        Simulation of the robot; it need not be at its beginning.
     experiment
         What it is a simulation of, with all loads.
 

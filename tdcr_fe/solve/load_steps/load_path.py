@@ -268,7 +268,7 @@ class LoadStepReport:
     iterations_total : int
         With those of rejected attempts.
     substeps : int
-        Of the accepted path.
+        Substeps of the accepted path.
     residual : float
         Relative residual at the end [1].
     snapped : bool

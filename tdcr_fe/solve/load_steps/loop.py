@@ -105,7 +105,7 @@ def solved(solver: SubstepSolver, path: SolvedPath, proposal: Proposal, ahead: i
     Parameters
     ----------
     solver
-        Of the load step.
+        Solver of the load step.
     path
         Up to where the substep begins.
     proposal
@@ -137,7 +137,7 @@ def take_substeps(
     Parameters
     ----------
     solver
-        Of the load step.
+        Solver of the load step.
     path
         Up to where the first substep begins.
     proposals

@@ -141,7 +141,7 @@ def is_continuous(solver: SubstepSolver, first: Point, last: Point) -> bool:
     Parameters
     ----------
     solver
-        Of the load step.
+        Solver of the load step.
     first, last
         The ends of the substep.
     """

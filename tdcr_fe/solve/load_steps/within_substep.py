@@ -54,7 +54,7 @@ def known_states(
     Parameters
     ----------
     solver
-        Of the load step.
+        Solver of the load step.
     states
         With their fractions of the substep [1].
     span
@@ -110,7 +110,7 @@ def refined(
     Parameters
     ----------
     solver
-        Of the load step.
+        Solver of the load step.
     known
         The present states.
     path

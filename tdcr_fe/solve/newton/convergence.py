@@ -61,13 +61,13 @@ def first_unmet(
     Parameters
     ----------
     residual
-        Of the iterate.
+        Residual of the iterate.
     softening
         Factor on the presliding distance [1].
     friction_fixed
         Whether mobilisations are given, and not unknowns.
     settings
-        Of the solver.
+        Settings of the solver.
     balance
         Whether balance is among the conditions; it is not where an iteration has stalled.
 

@@ -114,13 +114,13 @@ class SolvedPoint:
         softening
             Factor on the presliding distance [1].
         numbering
-            Of the unknowns; None is that of the scene.
+            Numbering of the unknowns; None is that of the scene.
         all_stick
             Let holes that slip stick, as where all motion reverses.
         sticking
             Which holes stick, by robot; None finds out from the history.
         linearization
-            Of a state near it; None is that of the state itself, in which the scene is left.
+            Linearization of a state near it; None is that of the state itself, in which the scene is left.
         """
         numbering = system.numbering() if numbering is None else numbering
         if linearization is None:

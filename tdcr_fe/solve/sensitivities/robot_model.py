@@ -154,7 +154,7 @@ class TendonStack:
         point
             The state.
         rates
-            Of the slips [m/s], shape (S, m, g).
+            Rates of the slips [m/s], shape (S, m, g).
         nodes
             With holes, see `tdcr_fe.elements.forces.ForceModel.cable_nodes`; empty where tendons follow the backbone.
         """
@@ -261,11 +261,11 @@ def with_rates(change: Values, own: TendonForces, rate: Array, inherited: Inheri
     Parameters
     ----------
     change
-        Of a robot whose nodes, tensions at the base and mobilisations are kept; parameters are the last axis.
+        Change of a robot whose nodes, tensions at the base and mobilisations are kept; parameters are the last axis.
     own
         Forces in the present state.
     rate
-        Of the slips [m/s], shape (m, g).
+        Rate of the slips [m/s], shape (m, g).
     inherited
         Changes of the slips from which the rates are counted, and of the duration; None where there are none.
     """
@@ -301,7 +301,7 @@ class ExplicitDerivatives:
     Attributes
     ----------
     law : FrictionModel
-        Of the friction in the models; where the present one has none, that of the neighbours.
+        Law of the friction in the models; where the present one has none, that of the neighbours.
     arc_lengths : ndarray, shape (N, P)
         Derivatives of the arc lengths of the nodes [m].
     """
@@ -384,7 +384,7 @@ class ExplicitDerivatives:
         point
             The state.
         rate
-            Of the slips [m/s], shape (m, g).
+            Rate of the slips [m/s], shape (m, g).
         times
             At the beginning and at the end of the increment [s].
         inherited

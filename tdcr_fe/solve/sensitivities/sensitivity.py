@@ -115,7 +115,7 @@ class SensitivityHistory:
         Parameters
         ----------
         simulation
-            Of the experiment.
+            Simulation of the experiment.
         experiment
             Robot, model and steps.
         chosen
