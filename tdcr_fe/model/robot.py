@@ -68,7 +68,7 @@ class Tendon(Checked):
     name : str
         Name of the tendon in steps and tables.
     routing : Routing
-        Where its holes lie.
+        Where its holes lie. In ``robot.toml`` its fields are keys of the table of the tendon, beside its name.
     friction_coefficient : float
         Coefficient of friction between tendon and holes [1]. ``mu`` in the Capstan equation (paper, Eq. 28).
     end : float or None
