@@ -58,8 +58,8 @@ WORTHWHILE = 0.1
 def price(effects: Sequence[Effect], robot: Robot) -> float:
     """Twice the negative logarithm of the prior probability of causes.
 
-    Each is one of the list; a place, or a single tendon, is one of all of its kind; unlisted causes have a price
-    of their own.
+    Every cause is one of the list; one at a place, or of a single tendon, is one of all of its kind; unlisted causes
+    have a price of their own besides.
     """
     total = 2.0 * CHOICE * len(effects)
     for e in effects:

@@ -162,7 +162,7 @@ class _ProbeSet:
 
     @classmethod
     def of(cls, e: Effect, points: list[dict[str, float]], experiment: Experiment) -> _ProbeSet:
-        """Beside a fitted model."""
+        """The probe set of some points beside a fitted model."""
         null, fixed = e.null_values(experiment), e.unidentifiable_at_null(experiment)
         start = {**null, **{name: points[0][name] for name in fixed}}
         held = tuple((n, x) for n, x in start.items() if x != null[n])
@@ -174,7 +174,7 @@ class _ProbeSet:
         return cls(e, start, held, directions, e.near_null(experiment))
 
     def columns(self, name: str, change: float) -> dict[_Key, Column]:
-        """Which add up to that of a parameter; those of the same key are the same, as in other forms of an effect.
+        """Columns that add up to that of a parameter; those of the same key are the same, as in other forms.
 
         ``change``: of its coordinate, where the derivative is a difference of two runs.
         """

@@ -174,7 +174,8 @@ _Proposed = tuple[SearchState, list[Proposal]]
 def singles(search: Search, state: SearchState, parent: Fit, costly: bool = False) -> _Proposed:
     """Single causes beside a model that are worth a fit.
 
-    Those that saturate are among them beside the declared model, and beside several causes, which may stand for one.
+    Causes that saturate are among them only beside the declared model, and beside several causes, in whose place one of
+    them may be the right one.
     """
     state, scores, reference = scores_beside(state, parent, costly)
     found = [x for x in scores if not _saturates(x.effect)]
@@ -360,11 +361,10 @@ def criterion_of(problem: FitProblem, fit: Fit) -> float:
 def could_match(problem: FitProblem, ahead: Fit, proposal: Proposal, promised: float | None = None) -> bool:
     """Whether a candidate may become about as probable as another model, to first order.
 
-    It does where it promises as much as the other model has reached or promised, or can make the change of the
-    predictions that that makes. Other forms of the same effects always may, and listed effects that perturb the same:
-    how far first order is off is not known. Not so forms with more numbers that are not worth them to first order;
-    `_in_best_forms` comes back to these.
-    ``promised``: the criterion that first order gave the other model beside the same one.
+    It may where it promises as much as the other model has reached or promised, or can change the predictions as that
+    one does. Other forms of the same effects always may, and listed effects that perturb the same, since the error of
+    first order is not known. Forms with more numbers that are not worth them to first order may not; `_in_best_forms`
+    comes back to these. ``promised``: the criterion that first order gave the other model beside the same parent.
     """
     parent, x, criterion = proposal
     mine, theirs = proposal.effects, ahead.effects
@@ -566,9 +566,10 @@ def grow(search: Search, state: SearchState) -> SearchState:
 
 
 def with_scatter(state: SearchState) -> SearchState:
-    """With what is different in every step, where that explains all beside the declared or the best model.
+    """The state with errors that differ in every step, where these explain all that declared or best model leave.
 
-    Beside the best one alone where that explains most: dry friction left 3 % of a misfit, and a force all the same.
+    If the best model explains most of the misfit, they are looked for beside that one alone: beside the declared model
+    a force would have explained everything, although dry friction had already left only 3 %.
     """
     left, whole = (f.cost + f.held_cost for f in (state.best, state.declared))
     for fit in (state.declared, state.best) if left > criteria.HALVED * whole else (state.best,):
