@@ -1,7 +1,8 @@
 """Unlisted causes, also those that no description of a robot can have.
 
-A cause perturbs something, depends on something, and acts somewhere (`Kind`). The listed effects are named causes.
-Loads that depend on the solved state, and shifts of the readings, are unlisted causes.
+A cause perturbs something, depends on something, and acts somewhere (`Kind`). The listed effects are causes, too; code
+calls them, and effects of the user's own, `named`. Unlisted are, for example, loads that depend on the solved state,
+and shifts of the readings.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
 
 def is_named(effect: Effect) -> bool:
-    """Whether a cause has a name: a listed effect, or one of the user's own."""
+    """Whether a cause is a listed effect or one of the user's own, and not an unlisted cause."""
     return not isinstance(effect, Cause)
 
 
@@ -36,7 +37,7 @@ Held = Mapping[str, Sequence[float]]
 
 
 class Cause(Effect):
-    """A cause on no list.
+    """An unlisted cause.
 
     Parameters
     ----------
@@ -54,7 +55,7 @@ class Cause(Effect):
     Attributes
     ----------
     parts : tuple of Cause
-        Causes on no list that add up to it near the null values, each with its numbers; none: it is of one piece.
+        Unlisted causes that add up to it near the null values, each with its numbers; none: it is of one piece.
     """
 
     held: Held = MappingProxyType({})

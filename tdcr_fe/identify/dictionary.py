@@ -57,7 +57,7 @@ def dictionary(problem: FitProblem, state: BayState) -> tuple[Effect, ...]:
 
 
 def unlisted(problem: FitProblem, state: BayState) -> list[Cause]:
-    """Causes on no list."""
+    """All unlisted causes."""
     found = [*_along(problem), *input_causes(problem), *_loads_and_base(problem), *_rough_holes(problem)]
     found += [*_compressible(problem, state), *_friction_laws(problem, state)]
     found += [*_sensors(problem), *_readings(problem)]

@@ -1,4 +1,4 @@
-"""Causes on no list that change what the tendons are driven with: offsets, gains, limits, shares, lags, jumps."""
+"""Unlisted causes that change what the tendons are driven with: offsets, gains, limits, shares, lags, jumps."""
 
 from __future__ import annotations
 

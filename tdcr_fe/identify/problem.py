@@ -277,7 +277,7 @@ class Fit:
 
     @property
     def named(self) -> bool:
-        """Whether all causes have a name."""
+        """Whether no cause is an unlisted one."""
         return all(map(is_named, self.effects))
 
     @property

@@ -118,7 +118,7 @@ class AddedEffect:
     kind: Kind
     indistinguishable_from: tuple[str, ...] = ()  # effects that explain these data as well
     separating_experiment: str = ""  # experiment that separates them
-    found: bool = True  # whether it has a name, and only noise is left
+    found: bool = True  # whether it is a listed effect, and only noise is left
     # That it acts, and that any cause of its kind acts, among all models that were fitted [1]
     probability: float = 1.0
     kind_probability: float = 1.0
