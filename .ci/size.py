@@ -25,21 +25,21 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 2448,
+    "elements": 2444,
     "tdcr_fe": 245,
     "tdcr_fe/commands": 762,
     "tdcr_fe/effects": 1178,
-    "tdcr_fe/estimate": 1458,
-    "tdcr_fe/identify": 6157,
-    "tdcr_fe/io": 1728,
+    "tdcr_fe/estimate": 1462,
+    "tdcr_fe/identify": 6193,
+    "tdcr_fe/io": 1726,
     "tdcr_fe/live": 349,
     "tdcr_fe/model": 2406,
     "tdcr_fe/report": 1081,
     "tdcr_fe/scene": 1329,
-    "tdcr_fe/solve": 6166,
+    "tdcr_fe/solve": 6165,
     "tdcr_fe/sweeps": 1370,
     "validation": 6409,
-    "tests": 12500,
+    "tests": 12483,
 }
 #: Rooms that are no part of the product.
 BESIDE = ("tests", "validation")

@@ -104,7 +104,7 @@ def add_residual_flexibility(stiffness: Array, lengths: Array, share: float = 1.
     stiffness
         As in `BackboneMesh`, shape (E, 6); the shear is changed in place.
     lengths
-        Of the elements [m], shape (E,).
+        Lengths of the elements [m], shape (E,).
     share
         Part of that flexibility that is added [1].
     """
@@ -120,7 +120,7 @@ def reference_poses(mesh: BackboneMesh, position: Array, rotation: Array) -> tup
     mesh
         The backbone.
     position, rotation
-        Of the base, the rotation in beam axes; shapes (3,) and (3, 3).
+        Position and rotation of the base, the rotation in beam axes; shapes (3,) and (3, 3).
 
     Returns
     -------
@@ -246,7 +246,7 @@ class ElementChain:
         wrenches
             Unbalanced ``[f, m]`` on the nodes, in their own frames, shape (N, 6).
         positions, rotations
-            Of the nodes, shapes (N, 3) and (N, 3, 3).
+            Positions and rotations of the nodes, shapes (N, 3) and (N, 3, 3).
         mesh
             With the stiffness of the elements and their unloaded twists; None leaves out the elastic forces.
 

@@ -22,7 +22,7 @@ class HoleSlopes(NamedTuple):
 
     @property
     def by_base(self) -> Array:
-        """Of all tensions by that at the base [1], shape (m, n)."""
+        """Derivatives of all tensions by that at the base [1], shape (m, n)."""
         m, h = self.by_tension.shape
         found: Array = np.ones((m, h + 1))
         self.by_tension.cumprod(axis=1, out=found[:, 1:])
@@ -41,7 +41,7 @@ class HoleSlopes(NamedTuple):
         return found
 
     def derivatives(self, incidence: Array) -> TensionDerivatives:
-        """Of the tensions along the tendons at fixed lengths of their segments.
+        """Derivatives of the tensions along the tendons, at fixed lengths of the segments.
 
         ``incidence``: from the mobilisations to the holes, shape (n-1, g).
         """
@@ -139,10 +139,10 @@ class TensionField:
     # [m]
     released_length: Array
     slip: Array  # (m, g): As they would be committed
-    mobilisation: Array  # as `slip`
-    # (m, n): Of the released lengths, with respect to its own length [1] and its own tension [m/N]
+    mobilisation: Array  # (m, g): As it would be committed
+    # (m, n): Derivative of each released length by the length of the same segment [1], and by its tension [m/N]
     released_d_length: Array
-    released_d_tension: Array  # as `released_d_length`
+    released_d_tension: Array
     slip_rate: Array | None  # (m, g): Rate of the slips [m/s]; None where no friction law depends on it
     time: float  # [s]
     # Whether the tensions change with the segments' lengths; where not, `d_length` is zero
@@ -159,31 +159,31 @@ class TensionField:
 
     @cached_property
     def derivatives(self) -> TensionDerivatives:
-        """Of the tensions."""
+        """Derivatives of the tensions."""
         return self.derive()
 
     @cached_property
     def hole_slopes(self) -> HoleSlopes | None:
-        """Of the tensions hole by hole; None where `at_holes` is."""
+        """Derivatives of the tensions hole by hole; None where `at_holes` is None."""
         return None if self.at_holes is None else self.at_holes()
 
     @property
     def d_length(self) -> Array:
-        """Of the tensions with respect to the segments' lengths [N/m], shape (m, n, n)."""
+        """Derivatives of the tensions by the segments' lengths [N/m], shape (m, n, n)."""
         return self.derivatives.by_shape[:, :, : self.tension.shape[1]]
 
     @property
     def d_angle(self) -> Array:
-        """Of the tensions with respect to the turning angles [N/rad], shape (m, n, n-1)."""
+        """Derivatives of the tensions by the turning angles [N/rad], shape (m, n, n-1)."""
         return self.derivatives.by_shape[:, :, self.tension.shape[1] :]
 
     @property
     def d_base(self) -> Array:
-        """Of the tensions with respect to the tension at the base [1], shape (m, n)."""
+        """Derivatives of the tensions by the tension at the base [1], shape (m, n)."""
         slopes = self.hole_slopes
         return self.derivatives.d_base if slopes is None else slopes.by_base
 
     @property
     def by_mobilisation(self) -> Array:
-        """Of the tensions with respect to the mobilisations, where these are unknowns [N], shape (m, n, g)."""
+        """Derivatives of the tensions by the mobilisations, where these are unknowns [N], shape (m, n, g)."""
         return self.derivatives.by_mobilisation

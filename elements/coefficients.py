@@ -82,10 +82,10 @@ class Linearisation(NamedTuple):
     """Tensions for given coefficients, and the coefficients that the laws return at those tensions."""
 
     tension: Array  # (m, n): [N]
-    slopes: Slopes  # Of the tensions for given coefficients
+    slopes: Slopes  # Derivatives of the tensions for given coefficients
     law: Coefficients  # Coefficients that the laws return at these tensions
-    by_tension: Array  # (m, n-1, n): Of the laws' coefficients by the tensions [1/N]
-    by_coefficient: Array  # (m, n, n-1): Of the tensions by the coefficients [N]
+    by_tension: Array  # (m, n-1, n): Derivatives of the laws' coefficients by the tensions [1/N]
+    by_coefficient: Array  # (m, n, n-1): Derivatives of the tensions by the coefficients [N]
 
     @property
     def matrix(self) -> Array:
@@ -143,7 +143,7 @@ def tension_derivatives(
     angles
         Turning angles [rad], shape (m, n-1).
     rate_by_length
-        Of the slip rates at the holes by the segments' lengths at kept tensions [1/s], shape (m, n-1, n).
+        Derivatives of the slip rates at the holes by the segments' lengths at kept tensions [1/s], shape (m, n-1, n).
     hole_incidence
         From the mobilisations to the holes, shape (n-1, g).
     """

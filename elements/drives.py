@@ -32,7 +32,7 @@ class DrivenTendon(Protocol):
 
     @property
     def name(self) -> str:
-        """Of the tendon."""
+        """Name of the tendon."""
 
     @property
     def spool(self) -> Any:

@@ -55,7 +55,7 @@ class StrainState(NamedTuple):
     wrench: Array  # (..., E, 6): Gradient of the energy by the twists [N, N m]
     stiffness: Array  # (..., E, 3, 3): Of torsion and bending [N m^2]
     loaded: Array  # (..., E, 3): Curvature less that in the unloaded state [1/m]
-    taper: Array  # (..., E): As of `BackboneMesh`
+    taper: Array  # (..., E): See `BackboneMesh.taper`
 
     def curvature_rates(self) -> Array:
         """First and second derivative of the curvature by arc length in the middle of every element, in beam axes.
@@ -110,9 +110,9 @@ class ForceModel:
         Parameters
         ----------
         twists
-            Of the elements, shape (..., E, 6).
+            Twists of the elements, shape (..., E, 6).
         base_tension
-            Of tendons that follow the backbone [N], shape (..., m).
+            Tensions at the base of tendons that follow the backbone [N], shape (..., m).
         """
         found = self.mesh.gradient(twists)
         return found if self.section is None else found + self.section.gradient(twists, base_tension)
@@ -154,9 +154,9 @@ class ForceModel:
         Parameters
         ----------
         positions, rotations
-            Of the nodes, the latter in beam axes; shapes (N, 3) and (N, 3, 3).
+            Positions and rotations of the nodes, the latter in beam axes; shapes (N, 3) and (N, 3, 3).
         twists
-            Of the elements, shape (E, 6); None computes them from the poses where they are needed.
+            Twists of the elements, shape (E, 6); None computes them from the poses where they are needed.
         """
         poses, strained = (positions, rotations), np.zeros((0, 6))
         if self.section is not None:

@@ -87,10 +87,10 @@ class TendonParameters:
 class FrictionModel:
     """Which slip drives friction at which holes, by ``g`` mobilisations of every tendon.
 
-    The matrices are given for a number ``n`` of segments. Adding a model takes an entry of `FRICTION_MODELS`.
+    The matrices are given for a number ``n`` of segments. Adding a model takes an entry of `FRICTION_MODELS` and its
+    name in `tdcr_fe.model.loading.FrictionKind`.
     """
 
-    kind: str  # Name in ``scenario.toml``
     # From released segment lengths to the slip that drives each mobilisation, shape (g, n)
     slip_operator: Callable[[int], Array]
     hole_incidence: Callable[[int], Array]  # From the mobilisations to the holes ``1 .. n-1``, shape (n-1, g)
@@ -101,12 +101,9 @@ class FrictionModel:
 #: Eq. 11); the paper's law, with one sign per tendon from the rate of its whole length (Eqs. 15-31, Fig. 2); and stick,
 #: pull-slip or release-slip at each hole, from the material that passes that hole.
 FRICTION_MODELS: dict[str, FrictionModel] = {
-    model.kind: model
-    for model in (
-        FrictionModel("none", lambda n: np.zeros((0, n)), lambda n: np.zeros((n - 1, 0)), active=False),
-        FrictionModel("per-tendon", lambda n: np.ones((1, n)), lambda n: np.ones((n - 1, 1))),
-        FrictionModel("per-hole", lambda n: np.triu(np.ones((n - 1, n)), 1), lambda n: np.eye(n - 1)),
-    )
+    "none": FrictionModel(lambda n: np.zeros((0, n)), lambda n: np.zeros((n - 1, 0)), active=False),
+    "per-tendon": FrictionModel(lambda n: np.ones((1, n)), lambda n: np.ones((n - 1, 1))),
+    "per-hole": FrictionModel(lambda n: np.triu(np.ones((n - 1, n)), 1), lambda n: np.eye(n - 1)),
 }
 
 
@@ -117,8 +114,8 @@ class TendonLaw:
     ----------
     parameters
         Parameters of the tendons.
-    law
-        Friction model: the slip that drives the friction at each hole.
+    model
+        The slip that drives the friction at each hole.
     hysteresis
         How the mobilisation of a hole follows its slip.
 
@@ -145,19 +142,19 @@ class TendonLaw:
     """
 
     def __init__(
-        self, parameters: TendonParameters, law: FrictionModel, hysteresis: Hysteresis | None = None
+        self, parameters: TendonParameters, model: FrictionModel, hysteresis: Hysteresis | None = None
     ) -> None:
         self.parameters = parameters
-        self.law = law
+        self.model = model
         self.hysteresis = hysteresis or ElasticPlastic()
         m, n = parameters.lengths.shape
         self.shape = (m, n)
         adhesion = parameters.adhesion
-        self._adhesion = adhesion if law.active and np.any(adhesion > 0.0) else None
-        self.slip_operator = law.slip_operator(n)
-        self.hole_incidence = law.hole_incidence(n)
+        self._adhesion = adhesion if model.active and np.any(adhesion > 0.0) else None
+        self.slip_operator = model.slip_operator(n)
+        self.hole_incidence = model.hole_incidence(n)
         self.groups = self.slip_operator.shape[0]
-        self.varies = law.active and bool(np.any(parameters.follows))
+        self.varies = model.active and bool(np.any(parameters.follows))
         acts = (parameters.friction > 0.0) | (adhesion > 0.0) | parameters.follows
         self.frictional: Flags = (acts.astype(float) @ np.abs(self.hole_incidence)) > 0.0
         self._material = parameters.material
@@ -308,7 +305,7 @@ class TendonLaw:
         normal
             Normal forces at the holes [N], shape (m, n-1).
         rate
-            Of the slips [m/s], shape (m, g).
+            Rate of the slips [m/s], shape (m, g).
         mobilisation
             Shape (m, g).
         """
@@ -495,7 +492,7 @@ def hole_states(mobilisation: Array, count: int) -> tuple[str, ...]:
     Parameters
     ----------
     mobilisation
-        Of the holes 1 .. n-1, shape (>= count - 1,).
+        Mobilisation of the holes 1 .. n-1, shape (>= count - 1,).
     count
         Number of segments.
     """

@@ -21,6 +21,7 @@ import numpy as np
 
 from tdcr_fe.elements import Array
 
+#: Names of the entries of `HYSTERESES`, as a type.
 HysteresisKind = Literal["elastic-plastic", "dahl"]
 
 #: Largest error of mobilisations, and of coefficients of friction, that are iterated in a configuration [1]. Dahl's

@@ -121,12 +121,12 @@ class NonlinearSection(Material):
     ``int x^4 dA = I R^2 / 2``. The parts with 1/2 are those of the linear section.
     """
 
-    axial_stiffness: Array  # (E,): EA [N] and EI [N m^2] of every element, zero in rigid inserts
-    bending_stiffness: Array  # as `axial_stiffness`
+    axial_stiffness: Array  # (E,): EA of every element, zero in rigid inserts [N]
+    bending_stiffness: Array  # (E,): EI of every element, zero in rigid inserts [N m^2]
     radius: Array  # (E,): R of the round section with these stiffnesses, ``2 sqrt(EI / EA)`` [m]
-    quadratic: Array  # (E,): b and c [1]
-    cubic: Array  # as `quadratic`
-    precurvature: Array  # (E, 3): As of `Material`
+    quadratic: Array  # (E,): b [1]
+    cubic: Array  # (E,): c [1]
+    precurvature: Array  # (E, 3): Strain of the unloaded backbone, see `Material`
 
     def wrench(self, n: Array, bend: Array) -> Array:
         """See `Material.wrench`."""

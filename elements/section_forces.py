@@ -29,10 +29,8 @@ THINNEST = 0.1
 class ContinuousTendons:
     """Tendons that follow the backbone."""
 
-    # (m, E, 4, 3): Position and derivative of position along arc length, in beam axes, at `gauss_arc_lengths`
-    # [m, 1]
-    offset: Array
-    slope: Array  # as `offset`
+    offset: Array  # (m, E, 4, 3): Position in the section, in beam axes, at `gauss_arc_lengths` [m]
+    slope: Array  # (m, E, 4, 3): Its derivative by the arc length [1]
     weight: Array  # (m, E): One where the tendon runs along the element, zero beyond its end
 
     def evaluate(self, twists: Array, lengths: Array) -> tuple[Array, Array]:
@@ -41,9 +39,9 @@ class ContinuousTendons:
         Parameters
         ----------
         twists
-            Of the elements, shape (..., E, 6).
+            Twists of the elements, shape (..., E, 6).
         lengths
-            Of the elements [m], shape (E,).
+            Lengths of the elements [m], shape (E,).
 
         Returns
         -------
@@ -113,7 +111,7 @@ def wrench_tangent(wrenches: Callable[[Array], Array], twists: Array, step: Arra
     wrenches
         From twists (..., E, 6) to wrenches (..., E, 12).
     twists, step
-        Of the elements, and by how much they are changed for the differences, shape (E, 6).
+        Twists of the elements, and by how much they are changed for the differences, shape (E, 6).
     """
     shifts = np.concatenate((np.eye(6), -np.eye(6)))[:, None, :] * step
     w = wrenches(twists + shifts)

@@ -66,12 +66,12 @@ class CableShape:
 class Segments(NamedTuple):
     """Straight segments between holes; segment or hole first, then tendon."""
 
-    lengths: Array  # (n, m): [m], and one over them [1/m]; zero where padded
-    inverse: Array  # as `lengths`
+    lengths: Array  # (n, m): Lengths of the segments [m], zero where padded
+    inverse: Array  # (n, m): One over these lengths [1/m], zero where padded
     directions: Array  # (n, m, 3): Unit vectors from base to anchor, zero where padded
     bend: Array  # (n-1, m, 3): Differences of neighbouring directions
-    chord: Array  # (n-1, m): Their squared lengths
-    angles: Array  # (n-1, m): By which the tendons turn at the holes [rad]
+    chord: Array  # (n-1, m): Squared lengths of these differences
+    angles: Array  # (n-1, m): Turning angles of the tendons at the holes [rad]
 
     @classmethod
     def between(cls, holes: Array, exists: Array) -> Segments:
@@ -222,7 +222,7 @@ class CableGeometry:
         Parameters
         ----------
         positions, rotations
-            Of the nodes that carry holes [m], shapes (..., N, 3) and (..., N, 3, 3).
+            Positions and rotations of the nodes that carry holes [m], shapes (..., N, 3) and (..., N, 3, 3).
 
         Returns
         -------
@@ -252,7 +252,7 @@ class CableGeometry:
         Parameters
         ----------
         positions, rotations
-            Of the nodes that carry holes [m], shapes (N, 3) and (N, 3, 3).
+            Positions and rotations of the nodes that carry holes [m], shapes (N, 3) and (N, 3, 3).
         """
         count, offsets, arms = self.mask.shape[1] + 1, self._offsets, self._levers
         if self.shifts:

@@ -22,7 +22,7 @@ MODEL = Model(friction="none", elements_per_bay=1)
 FRICTIONAL = replace(MODEL, friction="per-hole")
 #: Gravity that is not declared.
 GRAVITY = {"gravity": {"g_x": 3.0, "g_y": -6.0, "g_z": -7.0}}
-#: A cause without a name.
+#: An unlisted cause.
 BY_ROW = "bending stiffness that changes with the number of the row"
 
 

@@ -43,7 +43,7 @@ class TendonActuation:
         Tensions [N] and lengths wound [m] at the base, as set or over time.
     """
 
-    name: str  # Of the robot
+    name: str  # Name of the robot
     system: SystemReference  # That contains the robot
     nodes: list[Any]  # Exudyn's numbers of the backbone nodes, base first
     model: ForceModel  # Computes its forces
@@ -52,8 +52,8 @@ class TendonActuation:
     has_mass: bool  # Whether anything of the robot has a mass
     clamp: Clamp | None  # The joint that fixes the base to ground; None where it is free or on another body
     connected: bool = True  # Whether Exudyn's item applies the forces; see `disconnect`
-    # What the Jacobian of Exudyn's item assumes of holes with friction: the derivative of the forces, but that all
-    # stick in linearised systems; or that all stick, or that all slide on
+    # How the Jacobian of Exudyn's item takes holes with friction: "present", as they are, so that it is the derivative
+    # of the forces (in linearised systems all holes stick); "stuck" or "sliding", as if all of them did
     holes: Holes = "present"
     # Wind tendons, see `add_motor`; their angles follow the coordinates of the nodes in those of Exudyn's item
     motors: tuple[Motor, ...] = ()
@@ -129,7 +129,7 @@ class TendonActuation:
         forces
             Its forces.
         coordinates
-            Of the nodes, without reference values, shape (N, 7).
+            Coordinates of the nodes, without reference values, shape (N, 7).
         """
         tension = forces.field.tension
         stretched = stretch(self.model, tension, forces.measured.shape.lengths)

@@ -53,7 +53,7 @@ class ElasticTendons(NamedTuple):
             compliance=np.where(inextensible, 1.0 / own_stiffness(self.model), parameters.compliance),
             lengths=parameters.lengths + np.where(inextensible[:, None], self.history.stretch, 0.0),
         )
-        return replace(self.model, law=TendonLaw(elastic, law.law, law.hysteresis))
+        return replace(self.model, law=TendonLaw(elastic, law.model, law.hysteresis))
 
     def forces(self, measured: Measurement, near: Array) -> TendonForces:
         """Forces where the tension of tendons driven by displacement follows from their elasticity.
@@ -111,7 +111,7 @@ def stretch(model: ForceModel, tension: Array, lengths: Array) -> Array:
     model
         With the tendons as they are.
     tension, lengths
-        Of the segments [N, m], shape (m, n).
+        Tensions and lengths of the segments [N, m], shape (m, n).
     """
     relative = tension / own_stiffness(model)
     stretched = -lengths * relative / (1.0 + relative)

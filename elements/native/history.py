@@ -49,7 +49,7 @@ class HistoryNodes:
     law
         How tension passes along the tendons.
     names
-        Of the nodes, one a tendon.
+        Names of the nodes, one a tendon.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ class HistoryNodes:
         Parameters
         ----------
         segments
-            Of the tendon.
+            Segments of the tendon.
         """
         first, holes = self._tension.start, self._mobilisation
         count = min(holes.stop - holes.start, max(segments - 1, 1))
@@ -138,9 +138,10 @@ class HistoryNodes:
         history
             The history.
         tension
-            Of every segment, for sensors [N], shape (m, n).
+            Tension of every segment, for sensors [N], shape (m, n).
         displacement
-            Of every tendon at the base, for sensors [m], shape (m,); where prescribed, the one in the history counts.
+            Displacement of every tendon at the base, for sensors [m], shape (m,); where prescribed, the one in the
+            history counts.
         initial
             Whether it becomes that of the initial configuration, too.
 

@@ -113,5 +113,5 @@ class Clamp:
     """A base plate fixed to ground by a joint."""
 
     joint: Any  # Exudyn's number of the joint, which blocks all six motions
-    position: Array  # Pose to which it fixes the base node, the rotation in beam axes; shapes (3,) and (3, 3)
-    rotation: Array  # as `position`
+    position: Array  # (3,): Where it fixes the base node [m]
+    rotation: Array  # (3, 3): Rotation to which it fixes the base node, in beam axes

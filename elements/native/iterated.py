@@ -44,7 +44,7 @@ def excess_tangent(coordinates: NodeCoordinates, mesh: BackboneMesh, displacemen
     Parameters
     ----------
     coordinates
-        Of the nodes.
+        Coordinates of the nodes.
     mesh
         The backbone.
     displacements

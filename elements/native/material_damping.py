@@ -31,7 +31,7 @@ class MaterialDamping:
 
     retardation: Array  # (E,): Retardation time of every element [s]
     dampers: list[Any]  # Exudyn's numbers of the dampers, base first
-    bodies: list[Any]  # And of the massless bodies on the nodes, which carry their ends
+    bodies: list[Any]  # Exudyn's numbers of the massless bodies on the nodes, between which the dampers act
 
     @classmethod
     def add(

@@ -25,7 +25,7 @@ class Motor(NamedTuple):
 
     tendon: int  # Number of the tendon
     node: Any  # Exudyn's node of its angle [rad]
-    radius: float  # Of the drum [m]: a positive angle pulls the tendon in
+    radius: float  # Radius of the drum [m]: a positive angle pulls the tendon in
 
 
 def wound(motors: Sequence[Motor], values: Array, angles: Array) -> Array:
@@ -34,11 +34,11 @@ def wound(motors: Sequence[Motor], values: Array, angles: Array) -> Array:
     Parameters
     ----------
     motors
-        Of the robot.
+        Motors of the robot.
     values
         Inputs as set: tensions [N] and displacements [m] at the base, shape (m,).
     angles
-        Of the motors [rad], shape (k,).
+        Their angles [rad], shape (k,).
     """
     total = np.array(values)
     for motor, angle in zip(motors, angles, strict=True):
@@ -46,19 +46,20 @@ def wound(motors: Sequence[Motor], values: Array, angles: Array) -> Array:
     return total
 
 
-#: What a linearisation assumes of holes with friction.
+#: How a linearisation takes holes with friction: as they are, as if all of them stuck, or as if all slid on.
 Holes = Literal["present", "stuck", "sliding"]
 
 
 class Evaluation(NamedTuple):
     """Forces evaluated in a scene, and for what."""
 
-    coordinates: Array  # (7 N,): Of the nodes, as displacements
-    tendons: ElasticTendons  # In the step
-    rotations: Array  # Of the nodes, shapes (N, 3, 3) and (N, 4)
-    parameters: Array  # as `rotations`
+    coordinates: Array  # (7 N,): Coordinates of the nodes, as displacements
+    tendons: ElasticTendons  # Tendons, with their history at the beginning of the step
+    rotations: Array  # (N, 3, 3): Rotation matrices of the nodes
+    parameters: Array  # (N, 4): Euler parameters of the nodes
     forces: TendonForces
-    holes: HoleIterate | None  # Of which these are the forces, where holes are iterated, see `SceneForces`
+    # State of the holes to which the forces belong, where holes are iterated, see `SceneForces`
+    holes: HoleIterate | None
     linearised: bool  # Whether the tangent was evaluated in a step from this history
 
 
@@ -71,7 +72,7 @@ class SceneForces:
     Parameters
     ----------
     coordinates
-        Of its nodes.
+        Coordinates of its nodes.
     """
 
     def __init__(self, coordinates: NodeCoordinates) -> None:
@@ -90,7 +91,7 @@ class SceneForces:
         Parameters
         ----------
         coordinates
-            Of the nodes, without reference values, shape (7 N,).
+            Coordinates of the nodes, without reference values, shape (7 N,).
         tendons
             In the step.
         by_law
@@ -139,7 +140,7 @@ class SceneForces:
         coordinates, tendons
             As in `at`; the inputs include what motors have wound.
         motors
-            Of the robot.
+            Motors of the robot.
         """
         found = self.at(coordinates, tendons)
         on_nodes = generalized_forces(found.forces.nodal_wrenches, found.rotations, found.parameters)
@@ -180,7 +181,7 @@ def with_motors(motors: Sequence[Motor], tangent: Array, found: Evaluation, to_t
     Parameters
     ----------
     motors
-        Of the robot; all tendons with motors are driven by displacement.
+        Motors of the robot; all tendons with motors are driven by displacement.
     tangent
         By the coordinates of the nodes at fixed angles, shape (7 N, 7 N).
     found

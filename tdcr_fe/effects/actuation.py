@@ -167,7 +167,7 @@ class ActuatorBacklash(Effect):
         return self, NumberForm(self, "from the middle", ["from_middle"], experiment)
 
     def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
-        """Of both forms."""
+        """The travel that is lost at the start, and that of which half is lost there."""
         return *self.parameters, self._middle
 
     def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
@@ -257,7 +257,7 @@ class CommandNumber(SharedNumber):
         return (*forms, *of_single_tendons(self, experiment))
 
     def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
-        """Of all, of each tendon, of each folder, and of each tendon in each folder."""
+        """Numbers for all, for each tendon, for each folder, and for each tendon in each folder."""
         tendons = experiment.robot.tendon_names
         folders = range(1, experiment.folder_count + 1) if experiment.folder_count > 1 else ()
         parts = {t: t for t in tendons}

@@ -39,7 +39,7 @@ class Experiment:
         Commanded steps, from 0, at which the robot begins anew, unloaded: several loading sequences of one robot, each
         a folder of measured data.
     folder, folders : int
-        Of one loading sequence of several: its number, from 1, and how many there are.
+        Of several loading sequences, the number of this one, from 1, and how many there are.
     """
 
     robot: Robot
@@ -177,7 +177,7 @@ class ExcitationRange:
 
 
 class Kind(NamedTuple):
-    """Of a cause: what it perturbs, what that depends on, and where it acts; words as in `result.json`."""
+    """What a cause perturbs, what that depends on, and where it acts; words as in `result.json`."""
 
     perturbs: str
     depends_on: tuple[str, ...]
@@ -336,7 +336,7 @@ class Form(Effect):
     kind
         Behind its name, in brackets.
     names
-        Of the parameters.
+        Names of the parameters.
     experiment
         Whose tendons or markers they belong to.
     among
@@ -359,9 +359,9 @@ class Form(Effect):
         return self.of.name
 
     def null_values(self, experiment: Experiment) -> dict[str, float]:
-        """Those of the listed effect."""
+        """Null values of the listed effect."""
         return {p.name: self.of.null_value(experiment, p.name) for p in self.parameters}
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
-        """That of the listed effect."""
+        """Apply the listed effect."""
         return self.of.apply(experiment, values)

@@ -54,7 +54,7 @@ class TendonNumber(SharedNumber):
     Attributes
     ----------
     field : str
-        Of a tendon, which has the number.
+        Field of a tendon that has the number.
     """
 
     field: ClassVar[str]
@@ -93,7 +93,7 @@ class TendonNumber(SharedNumber):
         return (*forms, *of_single_tendons(self, experiment))
 
     def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
-        """Of all, of each segment where there are several, and of each tendon."""
+        """Numbers for all tendons, for each segment where there are several, and for each tendon."""
         groups = self._groups(experiment.robot)
         named = (groups if len(groups) > 1 else {}) | self._each(experiment.robot)
         parts = {name.removeprefix(f"{self._name}_"): ", ".join(names) for name, names in named.items()}
@@ -163,7 +163,7 @@ class NumberForm(Form):
     """One number of an effect for each of several parts: segments or tendons of a robot, folders of data."""
 
     def bounds(self, experiment: Experiment) -> base.Bounds:
-        """Those of the number of all."""
+        """Bounds of the number of all, for each."""
         (limits,) = self.of.bounds(experiment).values()
         return {p.name: limits for p in self.parameters}
 

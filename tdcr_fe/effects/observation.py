@@ -43,7 +43,7 @@ class FrameMisalignment(Effect):
         return self, both, self.form("moved", moved, experiment)
 
     def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
-        """Of the rotation and of the shift."""
+        """Numbers of the rotation and of the shift."""
         return (*self.parameters, *self._shift)
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
@@ -95,7 +95,7 @@ class MarkerOffset(Effect):
         return forms
 
     def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
-        """Of all markers together, and of each: they are counted from the base."""
+        """Offsets of all markers together, and of each: they are counted from the base."""
         return (*self.parameters, self._along, *self._single(experiment))
 
     def _single(self, experiment: Experiment) -> tuple[Parameter, ...]:

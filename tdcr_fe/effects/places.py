@@ -53,8 +53,8 @@ class PlaceEffect(Effect):
     place_names : tuple of str
         Which of the parameters are the place.
     saturates : bool
-        Whether a strong effect does far less than its derivative says, so that it has to be simulated at full strength,
-        which is that of its null values.
+        Whether a strong effect does far less than its derivative says, so that a search has to simulate it at
+        `full_strength`.
     """
 
     place_names: tuple[str, ...] = ("s",)
@@ -79,6 +79,10 @@ class PlaceEffect(Effect):
         """
         a, b = bay_at(robot, place["s"])
         return {"s": (b - a) / math.sqrt(12.0)}
+
+    def full_strength(self, experiment: Experiment) -> dict[str, float]:
+        """Values of the size at which an effect that saturates is strongest."""
+        raise NotImplementedError
 
     def at(self, place: Place) -> EffectAtPlace:
         """The effect at a fixed place."""
@@ -128,9 +132,8 @@ class EffectAtPlace(Effect):
         return max(1, len(self.general.places(robot)))
 
     def full_strength(self, experiment: Experiment) -> dict[str, float]:
-        """Values of the size at which an effect that saturates is strongest, see `PlaceEffect.saturates`."""
-        null = self.general.null_values(experiment)
-        return {p.name: null[p.name] for p in self.parameters}
+        """See `PlaceEffect.full_strength`."""
+        return self.general.full_strength(experiment)
 
     def bounds(self, experiment: Experiment) -> Bounds:
         """See `Effect.bounds`."""
@@ -265,8 +268,12 @@ class StuckHole(PlaceEffect):
     )
 
     def null_values(self, experiment: Experiment) -> dict[str, float]:
-        """No hole. One that is named holds its tendon fast where no drop is given, which is above all tensions."""
-        return {"tendon": 1.0, "s": 0.0, "drop": HOLDS_FAST * _largest_tension(experiment)}
+        """No hole, since there is none at the base. A hole that is named without a drop holds its tendon fast."""
+        return {"tendon": 1.0, "s": 0.0, **self.full_strength(experiment)}
+
+    def full_strength(self, experiment: Experiment) -> dict[str, float]:
+        """A drop above all tensions, which holds the tendon fast."""
+        return {"drop": HOLDS_FAST * _largest_tension(experiment)}
 
     def places(self, robot: Robot) -> list[Place]:
         """All holes between base plate and anchor."""
@@ -296,9 +303,7 @@ class StuckHole(PlaceEffect):
         holes = robot.hole_arc_lengths(tendon)[1:-1]
         at = float(min(holes, key=lambda s: abs(s - values["s"]), default=math.nan))
         if not abs(at - values["s"]) <= 1e-4:
-            near = "nor anywhere between base plate and anchor"
-            if len(holes):
-                near = f"the nearest is at {at:.6g} m"
+            near = f"the nearest is at {at:.6g} m" if len(holes) else "nor any between base plate and anchor"
             raise ValueError(f"s = {values['s']:g} m: tendon {tendon.name} has no hole there; {near}")
         changed = replace(tendon, tight_holes=(*tendon.tight_holes, TightHole(at, values["drop"])))
         tendons = (*robot.tendons[: number - 1], changed, *robot.tendons[number:])

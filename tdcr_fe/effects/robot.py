@@ -332,8 +332,7 @@ class RigidDisks(Effect):
     def bounds(self, experiment: Experiment) -> Bounds:
         """Largest thickness that leaves a flexible part of the shortest bay."""
         s = (0.0, *experiment.robot.disks.positions)
-        first = 2.0 * s[1]
-        return {"thickness": (0.0, 0.95 * min([first, *(b - a for a, b in itertools.pairwise(s))]))}
+        return {"thickness": (0.0, 0.95 * min([2.0 * s[1], *(b - a for a, b in itertools.pairwise(s))]))}
 
     def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
         """A tenth of a bay."""
@@ -446,7 +445,7 @@ class MisplacedChannels(Effect):
         )
 
     def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
-        """Of all tendons, and of each."""
+        """Numbers for all tendons, and for each."""
         common = (*self.parameters, *self._further)
         return (*common, *for_each((*common, self._angle), {t: t for t in experiment.robot.tendon_names}))
 

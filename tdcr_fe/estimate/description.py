@@ -32,7 +32,8 @@ class LoadPrior(Checked):
     sigma_moment : float
         The same of the moment [N m]; 0: there is no moment.
     correlation_time : float
-        Of the Gauss-Markov process that the components follow; 0: nothing is known from the frame before [s].
+        Correlation time of the Gauss-Markov process that the components follow; 0: nothing is known from the frame
+        before [s].
     random_walk : float
         In place of it: growth of the standard deviation in one second, in units of sigma [1].
     """
@@ -60,7 +61,8 @@ class InputPrior(InputErrors):
         Standard deviation, of every tendon or by name: [N] where the tension is given, [m] where the displacement is,
         [rad] where the angle of the motor is.
     correlation_time : float
-        Of the Gauss-Markov process that the errors follow; 0: nothing is known from the frame before [s].
+        Correlation time of the Gauss-Markov process that the errors follow; 0: nothing is known from the frame before
+        [s].
     random_walk : float
         In place of it: growth of the standard deviation in one second, in units of sigma [1].
     """
@@ -80,9 +82,9 @@ class ParameterPrior:
     Attributes
     ----------
     names : tuple of str
-        Of these numbers, ``"EFFECT.PARAMETER"`` with the names of the table ``[effects]``.
+        Names of these numbers, ``"EFFECT.PARAMETER"`` with the names of the table ``[effects]``.
     covariance : ndarray, shape (q, q)
-        Of their errors; of a number that `identify` fits through its inverse, of the error of that.
+        Covariance of their errors; of a number that `identify` fits through its inverse, of the error of that.
     effects : mapping
         Values of effects that the robot has besides its description, by effect and parameter; without one a number has
         its null value.
@@ -114,13 +116,13 @@ class Passage:
     """What the readings of a frame say about its unknowns, and how these go on; see `smoothed`."""
 
     kept: Array  # (n,): What is left of the unknowns at the end of the frame before
-    covariance: Array  # (n, n): Before the readings
-    jacobian: Array  # (n_readings, n): Of the readings over their noise
+    covariance: Array  # (n, n): Covariance of the unknowns before the readings
+    jacobian: Array  # (n_readings, n): Derivatives of the readings over their noise by the unknowns
     pull: Array  # (n,): The readings have changed the mean by the covariance times this
     carried: Array  # (n, n): From the unknowns to those at the end of the frame
-    positions: Array  # (N, 3, n): Derivatives of the nodes
-    rotations: Array  # as `positions`
-    base_tensions: Array  # (m, n)
+    positions: Array  # (N, 3, n): Derivatives of the positions of the nodes by the unknowns
+    rotations: Array  # (N, 3, n): Derivatives of their rotations
+    base_tensions: Array  # (m, n): Derivatives of the tensions at the base
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,13 +144,13 @@ class Estimate:
     input_errors : ndarray, shape (n_tendons,)
         Inputs that act less those that were given [N, m or rad].
     parameters, sigma_parameters : ndarray, shape (q,)
-        Of effects with errors, and their standard deviations, in the order of `ParameterPrior.names`.
+        Uncertain numbers of effects, and their standard deviations, in the order of `ParameterPrior.names`.
     tensions, sigma_tensions : ndarray, shape (n_tendons,)
         At the base, and their standard deviations [N].
     tension_covariance : ndarray, shape (n_tendons, n_tendons)
         [N^2].
     position_covariance : ndarray, shape (n, 3, 3)
-        Of the nodes of ``result`` [m^2].
+        Covariance of the positions of the nodes of ``result`` [m^2].
     misfit : float
         Sum of squares of the errors and of the readings that the most probable state leaves, in units of their
         standard deviations [1].

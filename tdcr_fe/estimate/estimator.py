@@ -120,7 +120,7 @@ class Estimator:
 
     @property
     def simulation(self) -> Simulation:
-        """Of the robot, in the present state."""
+        """Simulation of the robot, in the present state."""
         return self._problem.simulation
 
     @property
@@ -141,7 +141,7 @@ class Estimator:
         step
             Commanded or measured inputs, known loads, and the time; what it does not name keeps its value.
         readings
-            Of this frame, each with a standard deviation; may be none.
+            Readings of this frame, each with a standard deviation; there may be none.
 
         Returns
         -------

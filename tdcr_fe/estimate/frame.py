@@ -178,7 +178,7 @@ class Frame:
         compared
             The readings, compared with it.
         covariance
-            Of the prior, shape (n, n).
+            Covariance of the prior, shape (n, n).
         """
         residual, by_node = compared
         cross = posterior_covariance(covariance, by_node @ base.by_unknowns) @ base.response.positions[-1].T
@@ -371,7 +371,7 @@ class Solved:
         -------
         response : Response
         covariance : ndarray, shape (n + e, n + e)
-            Of the unknowns, and of the errors of holes and tendons in units of their standard deviation.
+            Covariance of the unknowns, and of the errors of holes and tendons in units of their standard deviation.
         """
         problem, frame, commands = self.frame.problem, self.frame, self.frame.commands
         history, inputs = problem.history, problem.inputs
@@ -385,7 +385,7 @@ class Solved:
         by[:m, inputs] = np.diag(scale)  # without bounds
         tensions, compliances = tensions_without_bounds(simulation)
         tensions = np.where(wound, tensions, commands.values + scale * self.unknowns[inputs])
-        counted = wound & (np.diagonal(by_node.gaps) > -0.5)  # as taut
+        counted = wound & (np.diagonal(by_node.gaps) > -0.5)  # tendons that count as taut
         changes = np.where(counted[:, None], by_node.base_tensions, -by_node.gaps / compliances[:, None])
         taut, left = within_bounds(tensions, spread(changes @ by), 0.0, np.inf)
         # Such an error is that of the input which has the same effect.
@@ -414,7 +414,7 @@ class Solved:
         return likely.by_node.combined(weights), wider
 
     def _change_to(self, frame: Frame, unknowns: Array) -> Array:
-        """Of the unknowns, to those of its frame or of the next one, which begins where this state ends."""
+        """Change of the unknowns to those of its frame, or of the next one, which begins where this state ends."""
         problem, change = self.frame.problem, unknowns - self.unknowns
         if frame is not self.frame:
             given = frame.commands.values - self.frame.commands.values
@@ -465,13 +465,13 @@ class Solved:
         Parameters
         ----------
         mean
-            Of the prior, shape (n,).
+            Mean of the prior, shape (n,).
         given
             Change of all unknowns with the place [1/m], shape (n,).
         held
             Covariance of the prior at a given place, shape (n, n).
         variance
-            Of the place [m^2].
+            Variance of the place [m^2].
 
         Returns
         -------

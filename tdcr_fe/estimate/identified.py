@@ -29,11 +29,12 @@ _NAME = re.compile(r"(\w+)(?: \(.*\))?\.(.*)")
 class Identified(NamedTuple):
     """Model and effects in the results of an identification."""
 
-    friction: str  # Of the model; empty where there are no results
-    effects: Effects  # All of them, with their values
-    # (q,): Of the parameters of those that were found, ``EFFECT.PARAMETER``; where more than noise is left, none was
+    friction: str  # Friction of the identified model; empty where there are no results
+    effects: Effects  # All effects, with their values
+    # (q,): Names ``EFFECT.PARAMETER`` of the numbers of effects that were found; where more than noise is left, none
+    # was
     names: tuple[str, ...]
-    covariance: Array  # (q, q): Of these, or of their inverse where that was fitted
+    covariance: Array  # (q, q): Covariance of these numbers, or of their inverse where that was fitted
 
     @classmethod
     def read(cls, folder: Path, data: MeasuredData, reporter: Reporter) -> Identified:
@@ -50,7 +51,9 @@ class Identified(NamedTuple):
             if not np.all(np.isfinite(correlation * np.outer(sigma, sigma))):
                 raise ValueError
         except (OSError, ValueError, KeyError, TypeError):
-            allowed = "must be a folder with a result.json of identify (this version), with all standard errors"
+            allowed = (
+                "must be a folder with a result.json of identify (this version), with all standard errors"
+            )
             reporter("identified", str(folder), allowed)
             return NONE_IDENTIFIED
         own = {n: d for n, d in (data.digests or {}).items() if n in ("robot.toml", "model.toml")}
@@ -66,7 +69,7 @@ class Identified(NamedTuple):
         return cls(friction, effects, tuple(".".join(parts[k]) for k in which), covariance)
 
     def prior(self, data: MeasuredData, sigma: Mapping[str, float]) -> ParameterPrior:
-        """Of the effects that act on the robot; the numbers of those on commands or measurement alone are as found.
+        """Prior of the effects that act on the robot; numbers of those on commands or measurement alone are as found.
 
         ``sigma``: standard deviations of other parameters.
         """

@@ -86,7 +86,7 @@ def most_probable(
     solve
         From unknowns and a state nearby, if there is one, to the state; None where there is no solution.
     mean, covariance
-        Of the prior, shapes (n,) and (n, n).
+        Mean and covariance of the prior, shapes (n,) and (n, n).
     start
         ``v`` to begin from, shape (n,).
     near
@@ -154,7 +154,7 @@ class _Linear:
 
     @cached_property
     def _cross_covariance(self) -> Array:
-        """Of unknowns and readings, ``P H'``."""
+        """Covariance of unknowns and readings, ``P H'``."""
         return self.covariance @ self.jacobian.T
 
     def step(self, damping: float) -> Array:
@@ -173,7 +173,7 @@ class _Linear:
         return step
 
     def length(self, step: Array) -> float:
-        """Of a step [standard deviations]."""
+        """Length of a step [standard deviations]."""
         return math.sqrt(max(float(step @ self.covariance @ step), 0.0))
 
     def gain(self, step: Array) -> float:

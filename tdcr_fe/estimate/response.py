@@ -30,7 +30,7 @@ LEAST_INSIDE = 1e-3
 
 
 def plastic_slips(simulation: Simulation, state: SolverState) -> Array:
-    """Of all holes with friction at the end of a solved step [m], shape (k,)."""
+    """Plastic slips of all holes with friction at the end of a solved step [m], shape (k,)."""
     law, friction = simulation.handle.actuation.law, state.friction[0]
     return (friction.slip - law.hysteresis.presliding * friction.mobilisation)[law.frictional]
 
@@ -99,7 +99,7 @@ def tensions_without_bounds(simulation: Simulation) -> tuple[Array, Array]:
 
 
 def at_anchors(simulation: Simulation, tensions: Array) -> Array:
-    """Of the segments, shape (m, n, ...), those that end at the anchors, shape (m, ...)."""
+    """From tensions of all segments, shape (m, n, ...), those at the anchors, shape (m, ...)."""
     exists = simulation.handle.actuation.law.parameters.mask
     return tensions[np.arange(len(exists)), exists.sum(axis=1) - 1]
 
@@ -142,7 +142,7 @@ class Response(ObservedChange):
         giving: Array | None = None,
         curvatures: bool = True,
     ) -> Response:
-        """Of the last solved state.
+        """Response of the last solved state.
 
         Parameters
         ----------

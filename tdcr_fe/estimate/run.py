@@ -152,7 +152,7 @@ def read_estimation(folder: str | os.PathLike[str]) -> Estimation:
     """
     folder = Path(folder)
     path = folder / "estimate.toml"
-    # Of what is no folder one mistake is enough.
+    # Where the path is no folder, one mistake says so; those of missing files would repeat it.
     data, top = read_all(lambda: read_measured(folder), lambda: folder.is_dir() and _read_priors(path))
     inputs, reporter, names = top["inputs"], Reporter(str(path)), data.robot.tendon_names
     sigma, identified = read_sigma(top["uncertain"], data, reporter), NONE_IDENTIFIED
@@ -172,7 +172,8 @@ def read_estimation(folder: str | os.PathLike[str]) -> Estimation:
         reporter("inputs", "", "missing; must be a table [inputs] with sigma")
     reporter.refuse()
     try:
-        # Of the steps as they were read; those of model.toml are, and are independent from step to step.
+        # Errors are counted in the units in which the steps were read. Those of model.toml are so already; they are
+        # independent from step to step.
         own = (inputs.sigmas(names) * data.input_scales).tolist() if inputs else data.input_sigma
         prior = inputs or InputPrior(sigma=1.0, correlation_time=0.0)
         inputs = replace(prior, sigma=dict(zip(names, own, strict=True)))

@@ -65,17 +65,18 @@ class Tracker:
     Parameters
     ----------
     estimator
-        Of the robot's state. Whether friction is compensated depends on its model.
+        Estimates the robot's state. Whether friction is compensated depends on its model.
     limits
         Bounds of the tensions.
     largest_change
-        Of any tension from one sample to the next [N]. None is half of what bends the backbone by about 1 rad.
+        Largest change of any tension from one sample to the next [N]. None is half of what bends the backbone by about
+        1 rad.
     deadline
         Time from the beginning of a sample after which no further trial begins [s]. Without a trial that comes nearer
         to the target by then, the command of the sample before is kept.
     tolerance
-        Of the error of the tip [m]; None is 0.1 % of the length. Where coming nearer by it would need much higher
-        tensions, the tip stays away.
+        Tolerance of the error of the tip [m]; None is 0.1 % of the length. Where coming nearer by it would need much
+        higher tensions, the tip stays away.
 
     Raises
     ------

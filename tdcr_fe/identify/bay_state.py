@@ -46,7 +46,7 @@ class BayState:
 
     @property
     def middles(self) -> Array:
-        """Of the bays [m]."""
+        """Arc lengths of the middles of the bays [m]."""
         return 0.5 * (self.edges[1:] + self.edges[:-1])
 
     def choices(self, bay: int) -> int:
@@ -71,7 +71,7 @@ class BayState:
 
     @classmethod
     def joined(cls, parts: Sequence[BayState]) -> BayState:
-        """Of several loading sequences, one after another."""
+        """The states of several loading sequences as one, one after another."""
         by_step = ("curvature", "rotation", "moved", "tension", "direction", "time", "begins")
         return replace(parts[0], **{n: np.concatenate([getattr(p, n) for p in parts]) for n in by_step})
 

@@ -1,7 +1,8 @@
-"""Causes without a name, also those that no description of a robot can have.
+"""Unlisted causes, also those that no description of a robot can have.
 
-A cause perturbs something, depends on something, and acts somewhere (`Kind`). The listed effects are named causes.
-Loads that depend on the solved state, and shifts of the readings, are causes without a name.
+A cause perturbs something, depends on something, and acts somewhere (`Kind`). The listed effects are causes, too; code
+calls them, and effects of the user's own, `named`. Unlisted are, for example, loads that depend on the solved state,
+and shifts of the readings.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
 
 def is_named(effect: Effect) -> bool:
-    """Whether a cause has a name: a listed effect, or one of the user's own."""
+    """Whether a cause is a listed effect or one of the user's own, and not an unlisted cause."""
     return not isinstance(effect, Cause)
 
 
@@ -36,7 +37,7 @@ Held = Mapping[str, Sequence[float]]
 
 
 class Cause(Effect):
-    """A cause on no list.
+    """An unlisted cause.
 
     Parameters
     ----------
@@ -54,7 +55,7 @@ class Cause(Effect):
     Attributes
     ----------
     parts : tuple of Cause
-        Causes on no list that add up to it near the null values, each with its numbers; none: it is of one piece.
+        Unlisted causes that add up to it near the null values, each with its numbers; none: it is of one piece.
     """
 
     held: Held = MappingProxyType({})
@@ -91,7 +92,7 @@ class Cause(Effect):
         return [[{**null, **held, name: value} for name, value in moved] for held in alternatives]
 
     def unidentifiable_at_null(self, experiment: Experiment) -> tuple[str, ...]:
-        """Those that are held."""
+        """Parameters that are held, see `held`."""
         return tuple(self.held)
 
 
@@ -192,7 +193,8 @@ class StateLoad(BesideDescription):
     def slope(self, state: BayState, values: Values) -> Array:
         """Derivative of the action by curvatures and displacements of the same bay and row, shape (K, n_bays, 6, 6).
 
-        Every other row changes at a time: what follows the change since the row before does not see one of both.
+        Every other row is changed at a time. A law may depend on the change since the row before, which would not show
+        if both rows were changed by the same amount.
         """
         here, length = self.action(state, values), float(state.edges[-1])
         found = np.zeros((*here.shape, COMPONENTS))
@@ -220,11 +222,11 @@ class PointForce(StateLoad):
     Parameters
     ----------
     name, sentence
-        Of the cause.
+        Name and sentence of the cause.
     bay
         Number of the bay at whose end it acts, from 0.
     state
-        Of the declared model.
+        State of the declared model.
     law
         Its `strength` first, and for a cord ``slack``, the distance from which on it pulls.
     """
@@ -308,7 +310,7 @@ class Attraction(PointForce):
     bay, state
         See `PointForce`.
     power
-        Of the distance.
+        Power of the distance.
     strength
         A typical force [N].
     """
@@ -426,5 +428,5 @@ class ReadingCause(BesideDescription):
     """
 
     def shift(self, problem: FitProblem, run: Run, values: Values) -> Array:
-        """Of the readings, in their units, shape (n,)."""
+        """Shift of the readings, in their units, shape (n,)."""
         return self.added(values, (problem.count,), problem, run)

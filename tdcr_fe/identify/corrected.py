@@ -46,9 +46,9 @@ _MEASUREMENT_ONLY = "# acts on the measurement only: "
 
 def effects_block(result: IdentificationResult) -> str:
     """The ``[effects]`` table of a scenario, with the listed effects that were added; empty where there are none."""
-    skipped, unnamed = observation_effects(result), {e.name for e in result.effects if e.sentence}
+    skipped, unlisted = observation_effects(result), {e.name for e in result.effects if e.sentence}
     lines = []
-    for name, values in ((n, v) for n, v in result.effects_table.items() if n not in unnamed):
+    for name, values in ((n, v) for n, v in result.effects_table.items() if n not in unlisted):
         comment = _MEASUREMENT_ONLY if name in skipped else ""
         lines.append(f"{comment}{name} = {value_to_toml({n: float(f'{x:.7g}') for n, x in values.items()})}")
     return "\n".join(["[effects]", *lines]) if lines else ""
@@ -66,8 +66,8 @@ def corrected_files(result: IdentificationResult) -> dict[str, str]:
     Several data sets have one ``effects_NAME.toml`` each.
 
     Effects that act on the measurement only are comments. Where a robot cannot be written (an effect of the
-    user's own with a routing of its own), ``robot.toml`` is as declared, and all effects are in ``effects.toml``; a
-    cause without a name that changes the robot is then in the comment alone.
+    user's own with a routing of its own), ``robot.toml`` is as declared, and all effects are in ``effects.toml``; an
+    unlisted cause that changes the robot is then in the comment alone.
     """
     commanded = result.simulated.commanded
     if commanded.restarts:
@@ -144,8 +144,8 @@ def _with_robot_as_declared(result: IdentificationResult, table: Table) -> tuple
     commanded = result.simulated.commanded
     if result.law is None:
         return commanded, table
-    unnamed = {e.name for e in result.law.causes}
-    inside = {n: table[n] for n, a, b in _changes(result, table) if n not in unnamed and b.steps == a.steps}
+    unlisted = {e.name for e in result.law.causes}
+    inside = {n: table[n] for n, a, b in _changes(result, table) if n not in unlisted and b.steps == a.steps}
     return replace(result.simulated.corrected, robot=commanded.robot, model=commanded.model), inside
 
 

@@ -18,15 +18,15 @@ from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.quantities import EARTH
 from tdcr_fe.model.robot import Robot
 
-#: A cause without a name is a priori by this factor less probable than one of the list, as a logarithm.
-UNNAMED = 2.0
+#: An unlisted cause of the dictionary is a priori by this factor less probable than a listed effect, as a logarithm.
+UNLISTED = 2.0
 
 #: Price of everything that a law depends on, see `Cause.price`.
 PER_FACTOR = 1.5
 
-#: A cause that is not in the dictionary, and that several causes of the dictionary together imitate, is a priori by
-#: this factor less probable than one of the list, as a logarithm.
-UNLISTED = 7.0
+#: An unknown cause, one that is not in the dictionary but that several causes of it together imitate, is a priori by
+#: this factor less probable than a listed effect, as a logarithm.
+UNKNOWN = 7.0
 
 #: What the choice of a cause from the list costs, as a logarithm.
 CHOICE = math.log(len(EFFECTS))
@@ -44,10 +44,11 @@ BOUND_PENALTY = 0.3
 #: The sum of squares of the held-out readings must fall by this much, in units of the reduced chi-square.
 HELD_OUT_DROP = 4.0
 
-#: Where held-out readings cannot decide, a larger model has to leave noise, or at most this share of the misfit. With
-#: loads in fitted branches alone, hung a disk too low, their gain left a fiftieth: "unexplained", as it was not taken.
-#: Where a round has left more, what differs in every step is looked for. Pretension left a seventh of the misfit of
-#: practice set 10. The rest was friction, and errors of the inputs would have explained it.
+#: Where held-out readings cannot decide, a larger model has to leave noise, or at most this share of the misfit. More
+#: than noise may be left although the cause is nearly right: weights hung a disk too low, in fitted branches alone,
+#: were explained by a gain of the loads down to a fiftieth of the misfit. Errors that differ in every step are looked
+#: for only where a round has left a larger share. A cause that explains more is probably right, and the rest is another
+#: one, which such errors could imitate: pretension left a seventh of one data set, and the rest was friction.
 HALVED = 0.5
 
 #: Smallest share of the misfit for which a further one of many causes is added, or the declared friction kept.
@@ -57,14 +58,14 @@ WORTHWHILE = 0.1
 def price(effects: Sequence[Effect], robot: Robot) -> float:
     """Twice the negative logarithm of the prior probability of causes.
 
-    Each is one of the list; a place, or a single tendon, is one of all of its kind; causes without a name have a price
-    of their own.
+    Every cause is one of the list; one at a place, or of a single tendon, is one of all of its kind; unlisted causes
+    have a price of their own besides.
     """
     total = 2.0 * CHOICE * len(effects)
     for e in effects:
         total += 2.0 * math.log(e.choices(robot))
         if isinstance(e, Cause):
-            total += 2.0 * (UNNAMED + e.price)
+            total += 2.0 * (UNLISTED + e.price)
     return total
 
 
@@ -94,21 +95,21 @@ def complexity(problem: FitProblem, effects: Sequence[Effect], values: Point, co
     return found
 
 
-def probability_of_unlisted(fit: Fit) -> float:
-    """Of one cause that is not in the dictionary, where it looks like the causes of a model [1].
+def probability_of_unknown(fit: Fit) -> float:
+    """Probability that one cause outside the dictionary acts in place of all causes of a model [1].
 
-    Its evidence is that of a fit as good, with as many numbers, so that the prior decides. Causes without a name have
-    their price, but for shifts of readings, which nothing else looks like.
+    Such a cause is taken to fit as well with as many numbers, so that the priors alone decide. Every unlisted cause in
+    the model makes it more probable, except shifts of readings, which no other cause imitates.
     """
-    unnamed = sum(isinstance(e, Cause) and not isinstance(e, ReadingCause) for e in fit.effects)
-    return float(expit(CHOICE * (len(fit.effects) - 1) + UNNAMED * unnamed - UNLISTED))
+    unlisted = sum(isinstance(e, Cause) and not isinstance(e, ReadingCause) for e in fit.effects)
+    return float(expit(CHOICE * (len(fit.effects) - 1) + UNLISTED * unlisted - UNKNOWN))
 
 
 def at_bound(problem: FitProblem, fit: Fit) -> bool:
     """Whether a free parameter has come to a bound other than its null value, and so is no estimate.
 
-    Zero is one where it is a bound: without friction, a robot declared with friction was one whose friction depends on
-    the normal force.
+    A value of zero is an estimate even where zero is the bound: it says that the robot has no friction, for example.
+    Otherwise a law in which friction depends on the normal force would be preferred to that.
     """
     null = {e.name: e.null_values(problem.experiment) for e in fit.effects}
     z, start = (problem.coordinates(fit.effects, x, fit.free)[:, None] for x in (fit.values, null))

@@ -25,10 +25,10 @@ from tdcr_fe.model.channels import CHANNELS, arc_lengths
 from tdcr_fe.model.loading import Load
 from tdcr_fe.model.units import mistaken
 
-#: A fault explains the data where their mean square over sigma falls to that of noise, from so many times that of noise
-#: or more, by this factor or more [1]. It also does where the mean square falls by the square of the factor:
-#: displacements of the other sign, with errors of 30 and 100 um, leave a 190th to a 29th, wrong faults beside them an
-#: eighth.
+#: A fault is looked for where the mean square of the residual over sigma is at least so many times that of noise. It
+#: explains the data where it reduces that to noise and by this factor, or by the square of the factor [1]. A missing
+#: effect may be left beside the right fault, which still removes far more than a wrong one: displacements with the
+#: other sign and errors of 30 and 100 um left a 190th to a 29th, wrong faults an eighth.
 MISFIT = 4.0
 #: A noise of sigma changes every reading where the readings differ by less than this share of sigma [1].
 RESOLVED = 0.2
@@ -94,7 +94,7 @@ class _Grid:
 
     @classmethod
     def of(cls, problem: FitProblem, declared: Fit, family: str) -> _Grid:
-        """Of the problem's readings and the declared model's predictions."""
+        """Grid of the problem's readings and the declared model's predictions."""
         names = [c.quantity for c in CHANNELS if c.family == family]
         which = np.flatnonzero(np.isin(problem.readings.quantities, names))
         places = [problem.data.readings[i].location for i in which]
@@ -417,7 +417,7 @@ def _other_drives(problem: FitProblem, declared: Fit, grid: _Grid) -> tuple[floa
 
 
 def _most_promising(problem: FitProblem, declared: Fit, grid: _Grid, changes: Sequence[_Change]) -> _Promise:
-    """That of several changes which fits best without friction."""
+    """The one of several changes of the inputs that fits best without friction."""
     plain = replace(
         problem.experiment, model=replace(problem.experiment.model, friction="none", elements_per_bay=1)
     )

@@ -68,7 +68,7 @@ class Request(NamedTuple):
 
     @property
     def state(self) -> bay_state.BayState | None:
-        """Of the path that the run follows."""
+        """State of the bays along the path that the run follows."""
         return None if self.reference is None else self.reference.bays
 
     @property

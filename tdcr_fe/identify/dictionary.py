@@ -1,4 +1,4 @@
-"""The dictionary of small causes: the listed effects in all their forms and places, and causes without a name.
+"""The dictionary of small causes: the listed effects in all their forms and places, and unlisted causes.
 
 Each is a column, or a few, of the derivatives of all readings (`tdcr_fe.identify.screening`). What is perturbed, what
 that depends on and where it acts is the kind of a cause (`tdcr_fe.identify.causes`).
@@ -47,17 +47,17 @@ def dictionary(problem: FitProblem, state: BayState) -> tuple[Effect, ...]:
     problem
         With the listed effects in its catalogue.
     state
-        Of the declared model.
+        State of the declared model.
     """
     experiment, catalogue = problem.experiment, problem.catalogue
     listed = [form for e in catalogue for form in e.forms(experiment)]
     of_places = (e for e in catalogue if isinstance(e, PlaceEffect))
     places = [e.at(place) for e in of_places for place in e.places(experiment.robot)]
-    return (*listed, *places, *unnamed(problem, state))
+    return (*listed, *places, *unlisted(problem, state))
 
 
-def unnamed(problem: FitProblem, state: BayState) -> list[Cause]:
-    """Causes on no list."""
+def unlisted(problem: FitProblem, state: BayState) -> list[Cause]:
+    """All unlisted causes."""
     found = [*_along(problem), *input_causes(problem), *_loads_and_base(problem), *_rough_holes(problem)]
     found += [*_compressible(problem, state), *_friction_laws(problem, state)]
     found += [*_sensors(problem), *_readings(problem)]
@@ -187,7 +187,7 @@ def _has_coefficients(problem: FitProblem) -> bool:
 
 
 def _more_friction(tendons: Sequence[Tendon]) -> Parameter:
-    """Of coefficients that do not fall below zero, where no number would change anything, nor count."""
+    """A change of friction by which no coefficient falls below zero, where a number would change nothing."""
     largest = max((t.friction_coefficient for t in tendons), default=0.0)
     return number("friction", "1", (-largest, 2.0), 0.0, 0.02)
 
@@ -346,7 +346,7 @@ def _with_holes(
 
 
 def _shift(robot: Robot) -> Numbers:
-    """Of holes in their plane, as far as to the opposite side of the backbone: a tendon may be in the wrong hole."""
+    """A shift of holes in their plane, up to the other side of the backbone: a tendon may be in a wrong hole."""
     offset = max(float(np.max(np.linalg.norm(robot.holes(t), axis=1))) for t in robot.tendons)
     return tuple(number(a, "m", (-2.0 * offset, 2.0 * offset), 0.0, 0.02 * offset) for a in "xy")
 
@@ -508,7 +508,7 @@ def _sensors(problem: FitProblem) -> Iterator[ReadingCause]:
 
 
 def _sensor_names(r: Reading) -> tuple[str, ...]:
-    """Of the kind of the sensor of a reading, and of the sensor; none of a marker."""
+    """Names of the kind of a reading's sensor, and of the sensor; none for a marker."""
     if r.channel.family == "position":
         return ()
     at = f"{r.location:.4g} m" if isinstance(r.location, float) else r.location

@@ -48,8 +48,9 @@ NEAR_PATH = 2.0
 #: Steps of a fit, at most.
 ITERATIONS = 12
 
-#: A step that promises at least this share of what one promised that led up is nearly the same: with a damping of 1e-3
-#: in place of 1e-5 it was, at a kink of friction, where most steps were tried three times.
+#: After a step that raised the cost, one with more damping is skipped if it promises at least this share of what that
+#: one promised, as it is nearly the same step. (At kinks of friction a damping of 1e-3 in place of 1e-5 changed little,
+#: and most steps were tried three times.)
 SAME_STEP = 0.9
 
 #: A fit is stopped where it cannot come below so many times the lowest cost so far, plus a constant; far above what
@@ -65,7 +66,7 @@ class Race:
     deadline: float = math.inf  # reading of `tdcr_fe.identify.settings.clock` [s]
 
     def reached(self, cost: float) -> None:
-        """One of the fits has this cost."""
+        """Note that one of the fits has come to this cost; the others have to come near it."""
         self.limit = min(self.limit, limit_beside(cost))
 
     def in_reach(self, cost: float, error: float) -> bool:
@@ -160,7 +161,7 @@ def can_be_seen(changes: Array, reach: Array) -> Flags:
     Parameters
     ----------
     changes
-        Of the readings over sigma by a typical step of each parameter, shape (n, p).
+        Changes of the readings over sigma by a typical step of each parameter, shape (n, p).
     reach
         Largest change of each parameter within its bounds, in typical steps, shape (p,).
     """
@@ -245,9 +246,9 @@ def distance(problem: FitProblem, a: Array, b: Array) -> float:
 
 
 def finish(problem: FitProblem, now: Fit, race: Race) -> Fitting:
-    """Improve a fit to the end; far from the run that has chosen its substeps, it is evaluated with its own.
+    """Improve a fit to the end. Far from the run whose substeps it has taken, it is evaluated once more with its own.
 
-    That changed the cost by less than one in 32 fits of ten blind sets, so that it need not go on.
+    It is not improved further after that, since the cost hardly changes (by less than one in all of 32 fits).
     """
     if not now.stuck:
         now = yield from descend(problem, now, race)
@@ -293,7 +294,7 @@ def _weighted(problem: FitProblem, fit: Fit) -> tuple[Array, Array]:
 
 
 def covariance(problem: FitProblem, fit: Fit) -> Array:
-    """Of the coordinates of the free parameters, shape (p, p).
+    """Covariance of the coordinates of the free parameters, shape (p, p).
 
     Enlarged where the misfit is above noise, and by the effect of the errors of mesh and path.
     """

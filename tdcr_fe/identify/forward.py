@@ -227,7 +227,7 @@ class ForwardModel:
         jobs
             What to simulate.
         path_tolerance
-            Of the solver, where the declared settings leave it to the identification [1].
+            Tolerance of the path of the solver, where the declared settings leave it to the identification [1].
         deadline
             Reading of `tdcr_fe.identify.settings.clock` at which simulations end [s].
 

@@ -221,12 +221,12 @@ def fit_to_all_rows(search: Search, state: SearchState, problem: FitProblem) -> 
     search, state
         The search, with the deadline of this part, and its last state.
     problem
-        Of all load steps.
+        The problem on all load steps.
 
     Returns
     -------
     SearchState
-        Of all load steps; the state of the search where a model is not solved on all of them, or not in time.
+        The state on all load steps; that of the search where a model is not solved on all of them, or not in time.
     """
     search.report("the final fit to all load steps", 0.8)
     if state.problem.experiment.model.friction == "none":
@@ -279,7 +279,7 @@ def _with_other_models(search: Search, searched: SearchState, state: SearchState
     searched
         State of the search on chosen load steps; a smaller model that it has not fitted has the values of the best.
     state
-        Of all load steps.
+        The state on all load steps.
     """
     problem, effects = replace(state.problem, deadline=search.deadline), state.best.effects
     fits = []
@@ -315,7 +315,7 @@ def friction_explains_little(problem: FitProblem) -> bool:
     Parameters
     ----------
     problem
-        Of those load steps that a search with friction takes.
+        The problem on those load steps that a search with friction takes.
     """
     if problem.experiment.model.friction == "none":
         return False

@@ -1,4 +1,4 @@
-"""Causes on no list that change what the tendons are driven with: offsets, gains, limits, shares, lags, jumps."""
+"""Unlisted causes that change what the tendons are driven with: offsets, gains, limits, shares, lags, jumps."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Commands(NamedTuple):
 
     @classmethod
     def of(cls, experiment: Experiment) -> Commands:
-        """Of one loading sequence."""
+        """The commands of one loading sequence."""
         steps, names = experiment.steps, experiment.robot.tendon_names
         kinds = {}
         for kind in ("tensions", "displacements"):
@@ -103,14 +103,14 @@ class _Inputs(NamedTuple):
     """The inputs of a loading sequence that change."""
 
     every: Sequence[str]  # Names of all tendons
-    names: tuple[str, ...]  # Of theirs
-    largest: tuple[float, ...]  # Of each of them [N or m]
-    most: float  # Of all
+    names: tuple[str, ...]  # Names of those whose inputs change
+    largest: tuple[float, ...]  # Largest input of each of these [N or m]
+    most: float  # Largest input of all [N or m]
     unit: str
 
     @classmethod
     def of(cls, problem: FitProblem) -> _Inputs:
-        """Those of the declared loading sequence."""
+        """The inputs of the declared loading sequence that change."""
         actions, tendons = resolve(problem.data.robot, problem.data.steps), problem.data.robot.tendon_names
         commands = np.array([a.values for a in actions]).reshape(len(actions), -1)
         driven = np.flatnonzero(np.ptp(commands, axis=0) > 0.0)

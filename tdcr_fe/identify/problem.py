@@ -56,8 +56,8 @@ class FitProblem:
     # typical step of a parameter in its fitted coordinate, by effect and parameter; from the score tests
     scales: Mapping[tuple[str, str], float] = field(default_factory=dict)
     catalogue: tuple[Effect, ...] = EFFECTS  # the candidates, in the order in which several are applied
-    # of every step with readings, their indices, and the square root of their covariance over sigma: errors of the
-    # inputs move all readings of a step together; empty where they are not known, or none
+    # for every step with readings: their indices, and the square root of their covariance over sigma, since errors of
+    # the inputs move all readings of a step together; empty where there are no such errors, or none are known
     roots: tuple[tuple[Index, Array], ...] = ()
     # reading of `tdcr_fe.identify.settings.clock` at which simulations end with `OutOfTime` [s]
     deadline: float = math.inf
@@ -66,7 +66,7 @@ class FitProblem:
     def of(
         cls, data: MeasuredData, sigma: Array, held_out: Flags, forward: ForwardModel, path_tolerance: float
     ) -> FitProblem:
-        """Of a data set, with one element per bay and all steps whole, but where declared effects divide them."""
+        """The problem of a data set, with one element per bay; only declared effects divide its load steps."""
         readings = Readings.of(data.readings, data.step_ids, data.robot.tendon_names)
         experiment, correction = with_elements(data.experiment, 1), np.zeros(len(data.readings))
         given = data, readings, forward, sigma, held_out, experiment, path_tolerance
@@ -227,11 +227,11 @@ class FitProblem:
 
 
 #: An effect and its values.
-_Given = tuple[Effect, tuple[tuple[str, float], ...]]
+_WithValues = tuple[Effect, tuple[tuple[str, float], ...]]
 
 
 @lru_cache
-def _applied(problem: FitProblem, every: tuple[_Given, ...]) -> Experiment:
+def _applied(problem: FitProblem, every: tuple[_WithValues, ...]) -> Experiment:
     """The experiment with effects, in this order; kept, since derivatives by other effects begin with the same ones.
 
     Actuator loss alone took a tenth of the time of an identification with it.
@@ -277,7 +277,7 @@ class Fit:
 
     @property
     def named(self) -> bool:
-        """Whether all causes have a name."""
+        """Whether no cause is an unlisted one."""
         return all(map(is_named, self.effects))
 
     @property
@@ -318,8 +318,8 @@ def refine(problem: FitProblem, effects: Sequence[Effect], values: Point, run: R
     -------
     problem : FitProblem
     run : Run
-        Of the model on the mesh of that problem; the given one where nothing was changed, so that earlier predictions
-        still count.
+        The run of the model on the mesh of that problem; the given one where nothing was changed, so that earlier
+        predictions still count.
     """
     problem = replace(problem, correction=np.zeros(problem.count))
 
@@ -356,7 +356,7 @@ def join_steps(experiment: Experiment) -> Experiment:
     Parameters
     ----------
     experiment
-        Of one loading sequence, with all its effects.
+        One loading sequence, with all its effects.
 
     Returns
     -------

@@ -108,7 +108,7 @@ NOT_EVALUATED = Errors(Misfit(None, None, None, math.nan), Misfit(None, None, No
 
 @dataclass(frozen=True)
 class AddedEffect:
-    """An effect or a cause without a name that was added."""
+    """An effect or an unlisted cause that was added."""
 
     name: str  # of the listed effect
     parameters: Mapping[str, Estimate]  # from the final model
@@ -118,12 +118,12 @@ class AddedEffect:
     kind: Kind
     indistinguishable_from: tuple[str, ...] = ()  # effects that explain these data as well
     separating_experiment: str = ""  # experiment that separates them
-    found: bool = True  # whether it has a name, and only noise is left
+    found: bool = True  # whether it is a listed effect, and only noise is left
     # That it acts, and that any cause of its kind acts, among all models that were fitted [1]
     probability: float = 1.0
     kind_probability: float = 1.0
     form: str = ""  # name of the form that was fitted; empty: that of the effect
-    sentence: str = ""  # what a cause without a name does; empty for effects
+    sentence: str = ""  # what an unlisted cause does; empty for effects
 
     def to_json(self) -> dict[str, Any]:
         """As in ``result.json``, under ``effects``."""
@@ -151,7 +151,7 @@ class AddedEffect:
 
 
 class Law(NamedTuple):
-    """The causes without a name in the final model."""
+    """The unlisted causes in the final model."""
 
     causes: tuple[AddedEffect, ...]
 
@@ -291,7 +291,7 @@ class Scatter(NamedTuple):
     place: str  # where a force acts; empty for others
     size: float  # standard deviation, over the input [1] or in `unit`
     unit: str  # "N" or "m": alike in all steps; "1": in proportion to every input
-    # Of all readings: the final model's, and with the most likely values in every step
+    # Misfit of all readings: of the final model, and of that with the most likely values in every step
     before: Misfit
     after: Misfit
     steps: tuple[int, ...] = ()  # those in which it is larger than noise, if these are fewer than half
@@ -387,7 +387,7 @@ class Simulated:
     """What repeats the run of the final model."""
 
     # Robot, model with the mesh of the fit, loading sequence and observation: as declared, and with the effects that
-    # were added; causes without a name stand there as the loads that they give
+    # were added; unlisted causes stand there as the loads that they give
     commanded: Experiment
     corrected: Experiment
     solver: SolverSettings
@@ -407,9 +407,9 @@ class IdentificationResult:
         One of "explained", "explained by a law found", "partly explained", "unexplained", "nothing missing",
         "cannot tell" (too few or too noisy data), "unfinished" (interrupted, or out of time).
     effects : tuple of AddedEffect
-        In the order of adding, causes without a name among them.
+        In the order of adding, unlisted causes among them.
     before, after : Errors
-        Of the declared and of the final model.
+        Errors of the declared and of the final model.
     noise : Misfit
         What the noise alone gives, which the misfits are compared with.
     held_out_steps : tuple of int
@@ -426,8 +426,8 @@ class IdentificationResult:
     scatter : Scatter or None
         What may be different in every step and would account for a part of what is left; None where nothing would.
     by_set : tuple of SetErrors
-        Of every data set, where several were given.
-    unlisted : float
+        Errors of every data set, where several were given.
+    unknown : float
         Probability of one cause that is not in the dictionary, where several causes together leave noise [1].
     """
 
@@ -448,7 +448,7 @@ class IdentificationResult:
     next_experiment: NextExperiment | None = None
     scatter: Scatter | None = None
     by_set: tuple[SetErrors, ...] = ()
-    unlisted: float = 0.0
+    unknown: float = 0.0
 
     def next_loading(self) -> str | None:
         """The next experiment as the text of a ``loading.csv``; None where there is none."""
@@ -465,7 +465,7 @@ class IdentificationResult:
     @property
     def names_nothing(self) -> bool:
         """Whether one cause that is not in the dictionary may well look like the causes found together."""
-        return self.unlisted > 1.0 - NAMED
+        return self.unknown > 1.0 - NAMED
 
     @property
     def fitted_to_all(self) -> bool:
@@ -480,7 +480,7 @@ class IdentificationResult:
 
     @property
     def law(self) -> Law | None:
-        """The causes without a name; None where there are none."""
+        """The unlisted causes; None where there are none."""
         causes = tuple(e for e in self.effects if e.sentence)
         return Law(causes) if causes else None
 

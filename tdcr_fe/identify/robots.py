@@ -106,7 +106,7 @@ def identify_robots(
     sets
         Data of one robot each, with different names.
     settings
-        Of the search; the time limit is divided among the robots.
+        Settings of the search; the time limit is divided among the robots.
     progress
         See `tdcr_fe.identify`.
 

@@ -93,7 +93,7 @@ def choose_held_out(data: MeasuredData, share: float = 0.3) -> tuple[int, ...]:
     data
         Measured data.
     share
-        Of the readings, about.
+        Share of the readings, about.
     """
     read = np.bincount(read_rows(data), minlength=len(data.steps)).astype(float)
     with_readings = np.flatnonzero(read)
@@ -189,7 +189,7 @@ class RowChoice:
 
     @classmethod
     def of_steps(cls, data: MeasuredData, steps: Sequence[int]) -> RowChoice:
-        """Of steps by their positions in the loading sequence."""
+        """The choice of steps by their positions in the loading sequence."""
         readings = np.flatnonzero(np.isin(read_rows(data), steps))
         return cls(
             tuple(steps), tuple(data.step_ids[k] for k in steps), tuple(readings.tolist()), len(data.steps)

@@ -112,7 +112,7 @@ class RunDerivatives:
 
     @classmethod
     def of(cls, found: Sensitivities, last: Sequence[int], refused: Mapping[str, str]) -> RunDerivatives:
-        """Of the steps with these positions in the sequence."""
+        """Derivatives in the steps with these positions in the sequence."""
         every = list(found.values())
 
         def stacked(values: list[Array]) -> Array:
@@ -130,7 +130,7 @@ class RunDerivatives:
 
     @classmethod
     def joined(cls, parts: Sequence[RunDerivatives]) -> RunDerivatives:
-        """Of several loading sequences, one after another, by the parameters by which all are differentiated."""
+        """Those of several loading sequences as one, by the parameters by which all are differentiated."""
         refused = {name: why for part in parts for name, why in part.refused.items()}
         names = tuple(n for n in parts[0].names if all(n in part.names for part in parts))
 
@@ -168,8 +168,8 @@ class Run:
     s: Array  # arc lengths of the nodes [m], shape (n,)
     positions: Array  # [m], shape (n_steps, n, 3)
     rotations: Array  # shape (n_steps, n, 3, 3)
-    curvature_rates: Array  # as of `StepResult`, shape (n_steps, n - 1, 2, 3)
-    # [m, N, N], shape (n_steps, n_tendons)
+    curvature_rates: Array  # see `StepResult.curvature_rates`, shape (n_steps, n - 1, 2, 3)
+    # of all tendons: length pulled in at the base [m], tension there and at the anchor [N], shape (n_steps, n_tendons)
     displacements: Array
     base_tensions: Array
     distal_tensions: Array
@@ -182,14 +182,14 @@ class Run:
 
     @classmethod
     def of(cls, steps: Sequence[StepResult]) -> Run:
-        """Of the commanded steps of an experiment, as they were solved."""
+        """The run of the commanded steps of an experiment, as they were solved."""
         distal = np.array([[t[-1] for t in r.tensions] for r in steps])
         tables: dict[str, Any] = {n: np.array([getattr(r, n) for r in steps]) for n in _BY_STEP[:-1]}
         return cls(steps[0].s, **tables, distal_tensions=distal.reshape(len(steps), -1))
 
     @classmethod
     def unsolved(cls, message: str) -> Run:
-        """Of an experiment that is not solved to its end."""
+        """The run of an experiment that is not solved to its end."""
         nothing, positions, rotations = np.zeros((0, 0)), np.zeros((0, 0, 3)), np.zeros((0, 0, 3, 3))
         rates = np.zeros((0, 0, 2, 3))
         return cls(np.zeros(0), positions, rotations, rates, nothing, nothing, nothing, message)
@@ -222,7 +222,7 @@ class Run:
 
     @property
     def curvature(self) -> Array:
-        """Of the elements, as turning rates about the section's axes x, y, z [1/m], shape (n_steps, n-1, 3)."""
+        """Turning rates of the elements about the section's axes x, y, z [1/m], shape (n_steps, n-1, 3)."""
         relative = np.swapaxes(self.rotations[:, :-1], -1, -2) @ self.rotations[:, 1:]
         turn = Rotation.from_matrix(relative.reshape(-1, 3, 3)).as_rotvec()
         return np.asarray(turn.reshape(*relative.shape[:2], 3) / np.diff(self.s)[:, None])
@@ -246,7 +246,7 @@ class Readings:
 
     @classmethod
     def of(cls, readings: Sequence[Reading], step_ids: Sequence[int], tendons: Sequence[str]) -> Readings:
-        """Of readings in steps with these numbers, in order, of a robot with tendons of these names."""
+        """Readings in steps with these numbers, in order, as arrays; ``tendons``: names of the robot's tendons."""
         index = {n: i for i, n in enumerate(step_ids)}
         places: dict[tuple[int, Location], int] = {}
         markers = [places.setdefault((r.step, r.location), len(places)) for r in readings]
@@ -287,7 +287,7 @@ class Readings:
         Parameters
         ----------
         run
-            Of the experiment's robot, model and steps.
+            The run of the experiment's robot, model and steps.
         experiment
             Whose observation map is used.
         """

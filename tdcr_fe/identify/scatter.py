@@ -37,9 +37,9 @@ from tdcr_fe.model.loading import resolve
 #: input; beyond, something else is wrong [1].
 MOST_REMAINING, LARGEST = 0.8, 0.25
 
-#: Share of the variance of a force or a shift that may follow the inputs and the rows [1]. Springs and attractions of
-#: practice sets 6, 7 and 9 and a stiffness that changes with time followed them by 0.9, a force that turned slowly from
-#: row to row, or acted in a few rows alone, by 0.77, an arbitrary one by 0.15.
+#: Share of the variance of a force or a shift that may follow the inputs and the rows [1]: with more, it is the trace
+#: of another cause. Springs, attractions and a stiffness that changes with time followed them by 0.9; true forces by
+#: 0.15 if arbitrary, and by 0.77 if they turned slowly from row to row or acted in a few rows alone.
 FOLLOWED = 0.85
 
 #: Range of the ratio of the variances that is searched, as exponents of ten, over that at which both matter alike.
@@ -84,8 +84,8 @@ class _Likeliest(NamedTuple):
     size: float  # standard deviation of its values
     values: Array  # the most probable ones, shape (K, q)
     left: Array  # residual over sigma that they leave, shape (n,)
-    # whether errors of inputs follow anything, or forces and shifts mostly follow inputs and rows: then another cause
-    # is meant; errors of three inputs can bend a robot as nearly anything does
+    # whether the values follow something, so that another cause must be meant: errors of inputs must follow nothing at
+    # all, since those of three inputs can imitate nearly any bending; forces and shifts not mostly inputs and rows
     followed: bool
     rare: bool  # whether only a few values differ from zero
     beyond: tuple[int, ...]  # steps, from 0, in which they are larger than noise
@@ -346,7 +346,7 @@ def _noise_variance(blocks: Sequence[_Block], ratio: float) -> float:
 
 
 def _log_likelihood(blocks: Sequence[_Block], ratio: float) -> float:
-    """Of the residual, at the likeliest variance of the readings, but for a constant."""
+    """Log-likelihood of the residual at the likeliest variance of the readings, up to a constant."""
     count = sum(b.readings.size for b in blocks)
     spread = sum(float(np.sum(np.log1p(ratio * b.strength**2))) for b in blocks)
     return -0.5 * (count * float(np.log(max(_noise_variance(blocks, ratio), 1e-300))) + spread)
@@ -391,7 +391,7 @@ def _by_inputs(
 
 
 def _derivatives(problem: FitProblem, experiment: Experiment, run: Run, count: int) -> Array:
-    """Of the predictions over sigma by what a run is differentiated by, zero where not solved, shape (n, count)."""
+    """Derivatives of the predictions over sigma by the parameters of a run, zero where not solved, shape (n, count)."""
     if not run.solved:
         return np.zeros((problem.count, count))
     derivatives = problem.readings.derivatives(run, experiment) / problem.sigma[:, None]

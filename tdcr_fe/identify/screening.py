@@ -57,7 +57,7 @@ class Score:
 
     @classmethod
     def refused(cls, effect: Effect, fit: Fit, note: str) -> Score:
-        """Of an effect that is not tried beside a model."""
+        """The score of an effect that is not tried beside a model."""
         nothing, start = np.zeros((fit.residual.size, 0)), Start({}, fit.residual)
         return cls(effect, 0.0, nothing, lambda: start, note)
 
@@ -162,7 +162,7 @@ class _ProbeSet:
 
     @classmethod
     def of(cls, e: Effect, points: list[dict[str, float]], experiment: Experiment) -> _ProbeSet:
-        """Beside a fitted model."""
+        """The probe set of some points beside a fitted model."""
         null, fixed = e.null_values(experiment), e.unidentifiable_at_null(experiment)
         start = {**null, **{name: points[0][name] for name in fixed}}
         held = tuple((n, x) for n, x in start.items() if x != null[n])
@@ -174,7 +174,7 @@ class _ProbeSet:
         return cls(e, start, held, directions, e.near_null(experiment))
 
     def columns(self, name: str, change: float) -> dict[_Key, Column]:
-        """Which add up to that of a parameter; those of the same key are the same, as in other forms of an effect.
+        """Columns that add up to that of a parameter; those of the same key are the same, as in other forms.
 
         ``change``: of its coordinate, where the derivative is a difference of two runs.
         """
@@ -240,7 +240,7 @@ class _Space:
     @classmethod
     @lru_cache(maxsize=4)  # one model is asked for by many candidates; it holds a run
     def of(cls, problem: FitProblem, fit: Fit) -> _Space:
-        """Of a model."""
+        """What the parameters of a model span."""
         which, weights = problem.fitted, problem.root_weights(fit.residual)
         known = fit.jacobian[which] * weights[which, None]
         basis = np.linalg.qr(known / np.maximum(np.linalg.norm(known, axis=0), 1e-300))[0]
@@ -407,7 +407,7 @@ def apart(problem: FitProblem, fit: Fit, change: Array, score: Score) -> tuple[f
     problem, fit, score
         The candidate beside the model.
     change
-        Of the predictions over sigma, shape (n,).
+        Change of the predictions over sigma, shape (n,).
 
     Returns
     -------

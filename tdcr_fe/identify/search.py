@@ -41,13 +41,13 @@ MANY = 4
 #: Candidates of a round that the report shows.
 SHOWN = 40
 
-#: Where the most promising cause would still leave this misfit per fitted reading, to first order, listed effects are
-#: fitted before they are compared. An adhesion that held back most of the tension came 30th to first order, behind one
-#: that would have left 3000. Fitted, it left 1.
+#: Where even the most promising cause leaves more than this misfit per fitted reading, to first order, the derivatives
+#: say little about which cause is right, so listed effects are fitted before they are compared. (An adhesion that held
+#: back most of the tension came 30th to first order; the first would have left 3000. Fitted, the adhesion left 1.)
 FAR = 1000.0
 
-#: Causes that saturate, simulated at full strength beside a model: the right one was the first or the sixth by its fall
-#: to first order in 3 blind sets.
+#: How many of the causes that saturate are simulated at full strength beside a model, by their fall to first order. A
+#: saturating cause shows little in the derivative, so that the right one need not come first (it came sixth once).
 STRONG = 10
 
 #: Typical steps with which the first of two effects that show only together is tried [1].
@@ -65,7 +65,7 @@ def all_causes(state: SearchState) -> tuple[Effect, ...]:
 def search_causes(search: Search, state: SearchState) -> SearchState:
     """The whole search.
 
-    On a part of the load steps, to be faster, causes without a name are tried only once no listed effect improves the
+    A search on a part of the load steps is kept fast: unlisted causes are tried only once no listed effect improves the
     model, and exchanges only at the end.
     """
     search.report("the dictionary of causes", 0.03)
@@ -91,7 +91,7 @@ def search_causes(search: Search, state: SearchState) -> SearchState:
 def scores_beside(state: SearchState, fit: Fit, costly: bool = False) -> tuple[SearchState, list[Score], Fit]:
     """Scores of all causes of the dictionary beside a fitted model, computed once; and the model as a reference.
 
-    ``costly``: also of causes without a name that take a run each.
+    ``costly``: whether unlisted causes that take a run each are scored, too.
     """
     key = frozenset(fit.names)
     done, reference = state.scores.get(key, ([], fit))
@@ -133,12 +133,12 @@ class Proposal(NamedTuple):
 
     @property
     def names(self) -> frozenset[str]:
-        """Of all causes together."""
+        """Names of all causes together."""
         return frozenset({*self.parent.names, self.score.effect.name})
 
     @property
     def laws(self) -> frozenset[str]:
-        """Of its causes."""
+        """Laws of its causes, that is, their names without place, tendon and rows."""
         return _laws(self.effects)
 
     @property
@@ -174,7 +174,8 @@ _Proposed = tuple[SearchState, list[Proposal]]
 def singles(search: Search, state: SearchState, parent: Fit, costly: bool = False) -> _Proposed:
     """Single causes beside a model that are worth a fit.
 
-    Those that saturate are among them beside the declared model, and beside several causes, which may stand for one.
+    Causes that saturate are among them only beside the declared model, and beside several causes, in whose place one of
+    them may be the right one.
     """
     state, scores, reference = scores_beside(state, parent, costly)
     found = [x for x in scores if not _saturates(x.effect)]
@@ -228,7 +229,7 @@ def costly_singles(search: Search, state: SearchState, parent: Fit) -> _Proposed
 
 
 def _takes_a_run(effect: Effect) -> bool:
-    """Whether a cause without a name takes a run of its own."""
+    """Whether an unlisted cause takes a run of its own."""
     return not (is_named(effect) or effect.exact_derivatives)
 
 
@@ -289,9 +290,9 @@ def _to_evaluate(
 ) -> list[Proposal]:
     """The first of all that wait (``named`` is None), or of the rest those of listed effects, or the others.
 
-    Of so many laws, half as many forms or places each. Causes without a name are tried where they may do better than
-    those with one, or match the model ahead; and where they promise about as much as the first of all or of listed
-    effects, whatever that has reached.
+    Of so many laws, half as many forms or places each. Unlisted causes are tried where they may do better than listed
+    effects, or match the model ahead; and where they promise about as much as the first of all or of listed effects,
+    whatever that has reached.
     """
     problem, most = state.problem, search.settings.candidates
     batch = waiting[:1] if named is None else [x for x in waiting[1:] if x.named is named]
@@ -364,18 +365,17 @@ def _reached(problem: FitProblem, fit: Fit) -> float:
 
 
 def criterion_of(problem: FitProblem, fit: Fit) -> float:
-    """Of a model over the fitted readings, as candidates promise it."""
+    """Criterion of a model over the fitted readings, to be compared with what candidates promise."""
     return fit.cost + criteria.price_of(problem, fit)
 
 
 def could_match(problem: FitProblem, ahead: Fit, proposal: Proposal, promised: float | None = None) -> bool:
     """Whether a candidate may become about as probable as another model, to first order.
 
-    It does where it promises as much as the other model has reached or promised, or can make the change of the
-    predictions that that makes. Other forms of the same effects always may, and listed effects that perturb the same:
-    how far first order is off is not known. Not so forms with more numbers that are not worth them to first order;
-    `_in_best_forms` comes back to these.
-    ``promised``: the criterion that first order gave the other model beside the same one.
+    It may where it promises as much as the other model has reached or promised, or can change the predictions as that
+    one does. Other forms of the same effects always may, and listed effects that perturb the same, since the error of
+    first order is not known. Forms with more numbers that are not worth them to first order may not; `_in_best_forms`
+    comes back to these. ``promised``: the criterion that first order gave the other model beside the same parent.
     """
     parent, x, criterion = proposal
     mine, theirs = proposal.effects, ahead.effects
@@ -396,7 +396,8 @@ def could_match(problem: FitProblem, ahead: Fit, proposal: Proposal, promised: f
 def _begun(problem: FitProblem, found: Sequence[Proposal]) -> list[Fit]:
     """Models with candidates at their predicted values; at half of them where these are worse than the model without.
 
-    So a superelastic backbone was found in 55 simulations, at first, and not in 88 after gravity.
+    First order overshoots where an effect is not linear. From half the value a superelastic backbone was found in the
+    first round, in 55 simulations; from the whole one only after gravity, in 88.
     """
     starts = [x.score.start for x in found]
     fits = _at(problem, found, [start.point for start in starts])
@@ -461,10 +462,11 @@ def _carried_over(problem: FitProblem, best: Fit, e: Effect) -> dict[str, float]
 
 
 def other_forms(state: SearchState) -> list[tuple[Effect, ...]]:
-    """The best model with one cause in a form of more numbers, or in that form of fewer which promises most.
+    """The best model with one of its causes in another form, each a model of its own.
 
-    Or with a number of all in place of those of each, and the other way. A cause without a name that acts somewhere may
-    act everywhere, and every cause at the place before or after: to first order, a cord at the tip came fifth.
+    Such forms have more numbers, or fewer (only the one that promises most), or one number for all tendons in place of
+    one for each, or the reverse. An unlisted cause at one place may act everywhere, and every cause at the place before
+    or after, because first order does not find places surely: it ranked the right one, a cord at the tip, fifth.
     """
     best, found = state.best, []
     for e in best.effects:
@@ -485,8 +487,8 @@ def other_forms(state: SearchState) -> list[tuple[Effect, ...]]:
 def _in_best_forms(state: SearchState) -> SearchState:
     """The best model with its causes in the forms that the data support.
 
-    Or that of listed effects, where these forms make it the better one: a coefficient of each tendon explained as much
-    as a law of friction without a name, and one of all tendons explained it with fewer numbers.
+    Or the best model of listed effects, where these forms make it the better one: coefficients of friction, one for
+    each tendon, explained no more than an unlisted law of friction, but one for all did so with fewer numbers.
     """
     while True:
         fits, best = list[Fit](), state.best
@@ -575,9 +577,10 @@ def grow(search: Search, state: SearchState) -> SearchState:
 
 
 def with_scatter(state: SearchState) -> SearchState:
-    """With what is different in every step, where that explains all beside the declared or the best model.
+    """The state with errors that differ in every step, where these explain all that declared or best model leave.
 
-    Beside the best one alone where that explains most: dry friction left 3 % of a misfit, and a force all the same.
+    If the best model explains most of the misfit, they are looked for beside that one alone: beside the declared model
+    a force would have explained everything, although dry friction had already left only 3 %.
     """
     left, whole = (f.cost + f.held_cost for f in (state.best, state.declared))
     for fit in (state.declared, state.best) if left > criteria.HALVED * whole else (state.best,):
@@ -599,8 +602,9 @@ _Try = tuple[Callable[[Search, SearchState, Fit], _Proposed], Fit]
 def _visible(search: Search, state: SearchState) -> list[_Try]:
     """Single causes beside the best model.
 
-    And first beside the best one of listed effects, where a cause without a name leaves more than noise: gravity and
-    friction were a force on one disk and friction up to another, and no exchange of one of them led back.
+    If that has an unlisted cause and leaves more than noise, they are first tried beside the best model of listed
+    effects, because a wrong first cause can lead to a wrong second one: gravity and friction were once taken for a
+    force on one disk and friction up to another, and no exchange of a single cause corrected that.
     """
     first = [] if search.explained(state) else _best_named(state)
     return [(singles, fit) for fit in (*first, state.best)]
@@ -618,7 +622,7 @@ def _best_named(state: SearchState) -> list[Fit]:
 def _hidden(search: Search, state: SearchState) -> list[_Try]:
     """What first order hardly shows, beside the best and the declared model, where nothing explains the data.
 
-    Pairs of listed effects are tried as well where a cause without a name does.
+    Pairs of listed effects are tried as well where an unlisted cause does.
     """
     explained = search.explained(state)
     if explained and state.best.named:
@@ -709,9 +713,9 @@ def _saturates(effect: Effect) -> TypeGuard[EffectAtPlace]:
 def at_full_strength(search: Search, state: SearchState, parent: Fit) -> _Proposed:
     """Causes that saturate, simulated at full strength beside a model: their derivatives tell the direction.
 
-    Of those that promise most to first order, load steps that are each solved as a whole show the best two, where they
-    come below the model without. In 3 blind sets of a hole that holds fast they showed it, in a seventh of the time of
-    all holes with their friction paths.
+    The most promising ones to first order are simulated with every load step solved as a whole, which takes a seventh
+    of the time of friction paths. The best two, where they explain more than the model without, are simulated with
+    these.
     """
     state, scores, _ = scores_beside(state, parent)
     problem = state.problem

@@ -79,7 +79,7 @@ class SearchState:
 
     @classmethod
     def start(cls, problem: FitProblem, declared: Fit, rows: RowChoice | None = None) -> SearchState:
-        """With the declared model alone."""
+        """A search that has only the declared model."""
         return cls(problem, declared, declared, {frozenset(): declared}, log=SearchLog(rows=rows))
 
     def begun_anew(self, problem: FitProblem, declared: Fit, best: Fit) -> SearchState:
@@ -89,26 +89,26 @@ class SearchState:
         return replace(anew, problem=problem, declared=declared, best=best, fits=fits)
 
     def with_fit(self, fit: Fit) -> SearchState:
-        """With another fit."""
+        """The state with another fit."""
         return replace(self, fits={**self.fits, frozenset(fit.names): fit})
 
     def without_trying(self, what: str) -> SearchState:
-        """With a part of the identification for which its time did not suffice."""
+        """The state with a part of the identification noted for which the time did not suffice."""
         if what in self.log.not_tried:
             return self
         noted = self.logged(not_tried=(*self.log.not_tried, what))
         return noted.with_history(f"out of time: {what} not tried")
 
     def ending_at(self, deadline: float) -> SearchState:
-        """With another deadline of all simulations, see `FitProblem.deadline`."""
+        """The state with another deadline of all simulations, see `FitProblem.deadline`."""
         return replace(self, problem=replace(self.problem, deadline=deadline))
 
     def with_history(self, sentence: str) -> SearchState:
-        """With another sentence of history."""
+        """The state with another sentence of history."""
         return self.logged(history=(*self.log.history, sentence))
 
     def logged(self, **entries: Any) -> SearchState:
-        """With other entries of the log."""
+        """The state with other entries of the log."""
         return replace(self, log=replace(self.log, **entries))
 
 
@@ -129,7 +129,10 @@ def in_time(search: Search, state: SearchState, stage: Stage, what: str) -> Sear
 
 
 def cut_short(search: Search, state: SearchState, part: str) -> SearchState:
-    """With a part noted as not tried if time ran out, more than noise is left, and nothing that could explain it is."""
+    """The state with a part noted as not tried.
+
+    That is done if time ran out, more than noise is left, and no part is noted yet that could explain it.
+    """
     if not search.out_of_time or search.explained(state):
         return state
     return state.without_trying(part) if MAY_EXPLAIN.isdisjoint(state.log.not_tried) else state
@@ -217,9 +220,9 @@ def as_good(state: SearchState) -> list[Fit]:
 def posterior(state: SearchState) -> list[tuple[Fit, float]]:
     """Probabilities of all models that were fitted, from their evidence; those below one in a million are left out.
 
-    Where models with causes without a name, or with other forms of its effects, predict the same as the best one, but
-    for less than sigma in all readings together, their weight counts for it. Where the best
-    model has several causes, the rest up to 1 is the probability of one cause that is not in the dictionary.
+    The weight of a model counts for the best one if both predict the same (they differ by less than sigma in all
+    readings together) and it has unlisted causes, or the same effects in other forms. Where the best model has several
+    causes, the rest up to 1 is the probability that one unknown cause acts instead of them.
     """
     problem, best = state.problem, state.best
 
@@ -231,6 +234,6 @@ def posterior(state: SearchState) -> list[tuple[Fit, float]]:
     solved = [f for f in state.fits.values() if f.solved] or [best]
     logarithms = np.array([-0.5 * criteria.rank(problem, f) / noise for f in solved])
     weights = np.exp(logarithms - np.max(logarithms))
-    weights *= (1.0 - criteria.probability_of_unlisted(best)) / np.sum(weights)
+    weights *= (1.0 - criteria.probability_of_unknown(best)) / np.sum(weights)
     every = zip(solved, weights.tolist(), strict=True)
     return [(best if same_explanation(f) else f, w) for f, w in every if w > 1e-6]

@@ -87,7 +87,7 @@ class Schedule(NamedTuple):
 
     @classmethod
     def of(cls, begun: float, seconds: float, some_rows: bool, frictionless: bool) -> Schedule:
-        """Of an identification.
+        """Schedule of an identification.
 
         Parameters
         ----------

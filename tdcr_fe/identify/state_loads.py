@@ -22,7 +22,7 @@ from tdcr_fe.elements import Array
 from tdcr_fe.identify.balance import scale
 from tdcr_fe.identify.bay_state import COMPONENTS, FORCE, MOMENT, BayState, end_of_bay, last_direction
 from tdcr_fe.identify.causes import Attraction, Cord, Held, LawLoad, StateLoad, Wall, number, settling_span
-from tdcr_fe.identify.criteria import OTHER_GRAVITY, PER_FACTOR, UNNAMED
+from tdcr_fe.identify.criteria import OTHER_GRAVITY, PER_FACTOR, UNLISTED
 from tdcr_fe.identify.rows import possible_starts, tip_forces
 from tdcr_fe.model.loading import resolve
 
@@ -175,7 +175,7 @@ _LISTED = {((), BENDING), ((), SECTION), ((), TENDONS)}
 
 
 def _unit(target: str, given: Iterable[str]) -> str:
-    """Of a coefficient that takes factors of these units to a target."""
+    """Unit of a coefficient that takes factors of these units to a target."""
     powers: Counter[str] = Counter()
     for sign, unit in ((1, target), *((-1, x) for x in given)):
         for name, power in re.findall(r"(\w)(?:\^(\S+))?", unit):
@@ -205,7 +205,7 @@ class Term:
 
     @property
     def unit(self) -> str:
-        """Of its coefficients."""
+        """Unit of its coefficients."""
         return _unit("N m", [self.direction.unit, *(f.unit for f in self.factors)])
 
     @property
@@ -349,13 +349,13 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> Iterator
         if numbers:
             yield StateLoad(name, kind, tuple(numbers), tuple(t for *_, t in terms), text, price)
 
-    # Of several folders times begin anew, and what changes does so between them.
+    # In several folders the time begins anew in each, so changes are taken to occur between folders.
     restarts = problem.data.restarts
     counts = ROW if restarts else clock
     rows = restarts or (possible_starts(problem.data) if progress else ())
     parts = parts_of_rows(counts, {problem.data.step_ids[k]: float(counts.value(state)[k, -1]) for k in rows})
     parts_of_backbone = len(ranges(bays))
-    # another stiffness, or another precurvature, before a row is one from it on
+    # only those from a row on: a jump before it differs by a change in all rows, which is a cause of its own
     jumps = [Term((part,), d) for part in parts[::2] for d in (BENDING, SECTION)]
     for term in (*library(bays, clock), *jumps):
         if not progress and ROW in term.factors:
@@ -422,7 +422,7 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> Iterator
     spread = [(a, "N/m", partial(_spread, axis=i)) for i, a in enumerate("xyz")]
     kind = Kind("force", ("nothing",), "along the backbone")
     text = "a constant force along the whole backbone"
-    yield from load("force along the backbone", kind, spread, text, 0.5 * OTHER_GRAVITY - UNNAMED)
+    yield from load("force along the backbone", kind, spread, text, 0.5 * OTHER_GRAVITY - UNLISTED)
     strength = TYPICAL * float(size[-1])
     for bay in range(bays):
         falls = (2, 1, 3) if bay == bays - 1 else (2,)
@@ -467,11 +467,11 @@ class _FreeLoad(NamedTuple):
 
     @property
     def unit(self) -> str:
-        """Of its coefficients."""
+        """Unit of its coefficients."""
         return _unit("N" if self.perturbs == "force" else "N m", [self.factor.unit])
 
     def action(self, state: BayState, bay: int, axis: int) -> Array:
-        """Of a coefficient of one along an axis: a moment passes through all bays below the disk."""
+        """Action of a coefficient of one along an axis: a moment passes through all bays below the disk."""
         found = np.zeros((*state.shape, COMPONENTS))
         vector = self.factor.value(state)[:, bay, None] * self.direction(state, axis)
         if self.perturbs == "force":

@@ -51,7 +51,7 @@ def conclude(search: Search, state: SearchState, begun: float = 0.0) -> Identifi
     problem, best, declared, data = state.problem, state.best, state.declared, state.problem.data
     tests = structure(data, best.residual, len(best.free))
     explained = criteria.residual_is_noise(problem, best)
-    unlisted = criteria.probability_of_unlisted(best) if explained else 0.0
+    unknown = criteria.probability_of_unknown(best) if explained else 0.0
     undecided = _undecided(state, explained)
     ceiling = None
     if not state.log.interrupted and (undecided is None or undecided.where in (THE_INPUTS, THE_NOISE)):
@@ -62,7 +62,7 @@ def conclude(search: Search, state: SearchState, begun: float = 0.0) -> Identifi
     spread = covariance(problem, best)
     deviation = np.sqrt(np.maximum(np.diag(spread), 0.0))
     effects = tuple(added_effects(state, deviation, explained))
-    certain = unlisted <= 1.0 - NAMED and all(e.kind_probability > NAMED for e in effects)
+    certain = unknown <= 1.0 - NAMED and all(e.kind_probability > NAMED for e in effects)
     held = {data.readings[i].step for i in np.flatnonzero(problem.held_out)}
     corrected = problem.acted(best.effects, best.values, best.run)
     left = problem.lengths(declared.residual), problem.lengths(best.residual), problem.whole_sigma
@@ -88,12 +88,12 @@ def conclude(search: Search, state: SearchState, begun: float = 0.0) -> Identifi
         next_experiment=state.next_experiment,
         scatter=state.scatter,
         by_set=tuple(_by_set(problem, declared, best)),
-        unlisted=unlisted,
+        unknown=unknown,
     )
 
 
 def _errors(problem: FitProblem, fit: Fit, which: Flags | bool = True, parameters: int = 0) -> Errors:
-    """Of a model, on some readings; ``parameters``: how many were fitted."""
+    """Errors of a model, on some readings; ``parameters``: how many were fitted."""
     r, fitted = fit.residual, which & problem.fitted
     return Errors(problem.misfit(r, fitted, parameters), problem.misfit(r, which & problem.held_out))
 
@@ -173,8 +173,8 @@ def _shapes(problem: FitProblem, base: Fit, best: Fit, held_out: set[int]) -> Sh
 def added_effects(state: SearchState, deviation: Array, explained: bool) -> Iterator[AddedEffect]:
     """Effects in the order of adding, with the evidence for each."""
     problem, best, weights = state.problem, state.best, posterior(state)
-    # one cause in place of several of one kind is of that kind
-    another = criteria.probability_of_unlisted(best) if len({e.kind for e in best.effects}) == 1 else 0.0
+    # if all causes are of one kind, a single unknown cause in their place is of that kind, too
+    another = criteria.probability_of_unknown(best) if len({e.kind for e in best.effects}) == 1 else 0.0
     before: Fit | None = state.declared
     for i, e in enumerate(best.effects):
         kind, names = e.kind, frozenset(x.name for x in best.effects[: i + 1])
@@ -211,7 +211,7 @@ def added_effects(state: SearchState, deviation: Array, explained: bool) -> Iter
 def separating_experiments(e: Effect, rivals: Sequence[str], catalogue: Sequence[Effect]) -> str:
     """Experiments that separate an effect from its rivals, those of each listed effect once; empty without rivals.
 
-    Rivals may be other forms of the same listed effect. Causes without a name have none.
+    Rivals may be other forms of the same listed effect. Unlisted causes have none.
     """
     if not rivals:
         return ""

@@ -137,7 +137,7 @@ def read_bytes(path: Path, named: Problem | None = None) -> bytes:
     Parameters
     ----------
     path
-        Of the file.
+        Path of the file.
     named
         The key of another file that names this one, where what is wrong is reported.
 

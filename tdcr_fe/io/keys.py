@@ -81,7 +81,7 @@ def _disks_schema() -> dict[str, Any]:
 
 
 def _tendons_schema() -> dict[str, Any]:
-    """Of a table ``[[tendons]]``: one for every routing."""
+    """Schema of a table ``[[tendons]]``: one for every routing."""
     tendons = []
     for name in ROUTINGS:
         table = tendon_keys(name).json_schema
@@ -91,7 +91,7 @@ def _tendons_schema() -> dict[str, Any]:
 
 
 def _effects_schema() -> dict[str, Any]:
-    """Of the table ``[effects]``: by name of the effect, a table of its parameters."""
+    """Schema of the table ``[effects]``: by name of the effect, a table of its parameters."""
     properties: dict[str, dict[str, Any]] = {}
     for effect in EFFECTS:
         table = {**parameter_keys(tuple(effect.parameters)).json_schema, "description": effect.description}

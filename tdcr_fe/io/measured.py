@@ -54,7 +54,7 @@ class MeasuredData:
     settings : SolverSettings
         The ``[solver]`` table of ``model.toml``.
     parts : tuple of (str, int)
-        Of data sets joined by `join_measured`: the name of each, and its number of steps.
+        Parts of data sets joined by `join_measured`: the name of each, and its number of steps.
     effects : mapping
         Declared effects on commands and on the measurement, by effect and parameter: the table ``[effects]`` of
         ``model.toml``. Those on robot and model are in ``robot`` and ``model`` already.

@@ -35,9 +35,9 @@ class Reading:
     Attributes
     ----------
     step : int
-        Of the loading sequence, as the file numbers it.
+        Step of the loading sequence, as the file numbers it.
     quantity : str
-        Of a channel in `tdcr_fe.model.channels.CHANNELS`.
+        Quantity of a channel in `tdcr_fe.model.channels.CHANNELS`.
     location : float, str or None
         Arc length [m], tendon name, or None where the quantity has no location.
     value : float
@@ -62,7 +62,7 @@ class Reading:
 
     @property
     def unit(self) -> str:
-        """Of value and sigma."""
+        """Unit of value and sigma."""
         return self.channel.unit
 
 
@@ -82,7 +82,7 @@ class BadRow:
     unit : str
         The unit in which the value would be plausible, where it is not in the right one: "mm", "degrees".
     quantity : str
-        Of the reading, as the file has it.
+        Quantity of the reading, as the file has it.
     """
 
     file: str

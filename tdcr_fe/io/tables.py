@@ -153,7 +153,7 @@ def _rows(
     Parameters
     ----------
     table
-        Of texts; its index is the line in the file.
+        Table of texts; its index is the line in the file.
     columns
         That may be there.
     file
@@ -220,7 +220,7 @@ def read_loading(table: pd.DataFrame, robot: Robot, file: str) -> Loading:
     Parameters
     ----------
     table
-        Of texts; its index is the line in the file.
+        Table of texts; its index is the line in the file.
     robot
         Whose tendons are named.
     file
@@ -268,7 +268,7 @@ def loading_table(
     robot
         That is loaded.
     step_ids, steps, branches
-        Of every step; there is no column of branches where all are empty texts.
+        Number, contents and branch of every step; there is no column of branches where all are empty texts.
 
     Raises
     ------

@@ -40,7 +40,7 @@ class Scenario:
     model : Model
     steps : tuple of LoadStep
     path : pathlib.Path
-        Of the scenario.
+        Path of the scenario.
     robot_path : pathlib.Path
     digests : mapping of str to str
         SHA-256 of both files, in hexadecimal, by file name as the user named it.
@@ -91,8 +91,7 @@ def _build_robot(data: dict[str, Any], reporter: Reporter) -> RobotParts:
         reporter.contradictions(checks.spring_contradictions(top.get("springs", ()), length))
     robot = None
     if len(reporter.problems) == before and backbone is not None and disks is not None:
-        rest = {k: top[k] for k in ("name", "tip_mass", "springs", "base_stiffness")}
-        robot = Robot(backbone, disks, tendons, **rest)
+        robot = Robot(**{**top, "backbone": backbone, "disks": disks, "tendons": tendons})
     known = "tendons" not in bad and len(set(names)) == len(tables)
     return RobotParts(robot, length, names if known else None, tendons)
 
@@ -187,7 +186,7 @@ def read_toml(path: StrPath, named: Problem | None = None) -> tuple[dict[str, An
     Parameters
     ----------
     path
-        Of the file.
+        Path of the file.
     named
         The key of another file that names this one; a missing file is reported there.
 
@@ -240,7 +239,7 @@ def read_model(path: StrPath, robot: Robot | None = None) -> Model:
     Parameters
     ----------
     path
-        Of the file.
+        Path of the file.
     robot
         Whose model it is; one without disks has other defaults.
 
@@ -253,12 +252,14 @@ def read_model(path: StrPath, robot: Robot | None = None) -> Model:
 
 
 def read_model_file(path: StrPath | None, robot: Robot | None = None) -> tuple[Model, SolverSettings]:
-    """Read `model.toml`, which contains only the tables `[model]` and `[solver]`.
+    """Read the tables `[model]` and `[solver]` of a `model.toml`.
+
+    The tables `[effects]` and `[inputs]` are refused: they belong to a folder of measured data.
 
     Parameters
     ----------
     path
-        Of the file; None: there is none, so that all has its defaults.
+        Path of the file; None: there is none, so that all has its defaults.
     robot
         Whose model it is; one without disks has other defaults.
 
@@ -347,9 +348,9 @@ def read_scenario(path: StrPath, effects: Sequence[Effect] = ()) -> Scenario:
     Parameters
     ----------
     path
-        Of the scenario.
+        Path of the scenario.
     effects
-        Of your own, besides the listed ones; see `tdcr_fe.io.user_effects.read_own_effects`.
+        Effects of your own, besides the listed ones; see `tdcr_fe.io.user_effects.read_own_effects`.
 
     Raises
     ------

@@ -34,7 +34,7 @@ def apply_effects(
     Returns
     -------
     values : dict
-        Of the effects that are sound, by effect and parameter.
+        Values of the effects that are sound, by effect and parameter.
     experiment : Experiment
         With them.
     """
@@ -60,7 +60,7 @@ def read_own_effects(paths: Iterable[StrPath]) -> tuple[Effect, ...]:
     Parameters
     ----------
     paths
-        Of the files.
+        Paths of the files.
 
     Returns
     -------

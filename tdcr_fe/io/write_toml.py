@@ -82,8 +82,7 @@ def robot_to_toml(robot: Robot) -> str:
                 foreign.append(f"tendons[{i}].{what} ({part.kind})")
     if foreign:
         raise ValueError(f"robot {robot.name!r}: robot.toml cannot express {', '.join(foreign)}")
-    data: dict[str, Any] = {"name": robot.name, "tip_mass": robot.tip_mass or None}
-    data |= {"base_stiffness": robot.base_stiffness, "backbone": _table(robot.backbone)}
+    data = {**_table(robot), "backbone": _table(robot.backbone), "disks": None}
     if robot.backbone.taper:
         data["backbone"]["radius"] = robot.backbone.taper
     if count := len(robot.disks.positions):

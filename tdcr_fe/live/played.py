@@ -44,7 +44,7 @@ class Answer:
     Attributes
     ----------
     result : SequenceResult
-        Of this load step alone.
+        Result of this load step alone.
     seconds : float
         Time that it took.
     message : str

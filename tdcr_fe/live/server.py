@@ -41,7 +41,7 @@ def step_data(answer: Answer) -> dict[str, Any]:
 
 
 def ranges(played: PlayedRobot) -> list[dict[str, Any]]:
-    """Of every tendon its name, and the ends of its sliders for tension [N] and displacement [m].
+    """For every tendon its name, and the ends of its sliders for tension [N] and displacement [m].
 
     A tendon at a distance r from a backbone of length L and stiffness EI bends it by T r L / EI.
     """
@@ -75,7 +75,7 @@ def live_page(played: PlayedRobot, number: int) -> str:
     played
         The robot, in its present state.
     number
-        Of the page; a later one takes its place.
+        Number of the page; a later one takes its place.
     """
     motion = motion_of(played.last.result)
     controls = {

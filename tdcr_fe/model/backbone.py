@@ -221,9 +221,9 @@ class Backbone(Checked):
         Returns
         -------
         bending : ndarray
-            Of bending and torsional stiffness: the inverse of the mean compliance.
+            For bending and torsional stiffness: the inverse of the mean compliance.
         area : ndarray
-            Of axial and shear stiffness, and of the mass: the mean area.
+            For axial and shear stiffness, and for the mass: the mean area.
         """
         points, weights = np.polynomial.legendre.leggauss(4)
         start, width = arc_lengths[:-1, None], np.diff(arc_lengths)[:, None]

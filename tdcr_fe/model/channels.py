@@ -53,7 +53,7 @@ class Channel:
     quantity : str
         Its name in ``observations.csv``.
     unit : str
-        Of value and sigma, in `PLAUSIBLE`.
+        Unit of value and sigma, in `PLAUSIBLE`.
     location : str
         What the location is: "arc length", "tendon", or "" where there is none.
     meaning : str
@@ -106,7 +106,7 @@ def arc_lengths(locations: Sequence[Location]) -> Array:
 
 
 def _of_tendon(quantity: str, unit: str, meaning: str, values: Callable[[ObservedStep], Array]) -> Channel:
-    """Of values of all tendons, shape (..., n_tendons)."""
+    """A channel of one tendon, from values of all, shape (..., n_tendons)."""
 
     def predict(step: ObservedStep, locations: Sequence[Location]) -> Array:
         return values(step)[..., [step.tendon_names.index(str(x)) for x in locations]]
@@ -115,7 +115,7 @@ def _of_tendon(quantity: str, unit: str, meaning: str, values: Callable[[Observe
 
 
 def _single(quantity: str, unit: str, meaning: str, value: Callable[[ObservedStep], Array]) -> Channel:
-    """Of a value of the whole robot, shape (...)."""
+    """A channel without a location, from a value of the whole robot, shape (...)."""
 
     def predict(step: ObservedStep, locations: Sequence[Location]) -> Array:
         return np.repeat(value(step)[..., None], len(locations), axis=-1)
@@ -124,7 +124,7 @@ def _single(quantity: str, unit: str, meaning: str, value: Callable[[ObservedSte
 
 
 def _along(values: Callable[[ObservedStep, Array], Array], axis: int) -> Prediction:
-    """Of vectors at arc lengths, shape (..., k, 3)."""
+    """Prediction of one component of vectors at arc lengths, shape (..., k, 3)."""
     return lambda step, locations: values(step, arc_lengths(locations))[..., axis]
 
 

@@ -233,9 +233,9 @@ def step_contradictions(
     names
         Tendons of the robot; None where they are not known.
     length
-        Of the backbone [m]; None where it is not known.
+        Length of the backbone [m]; None where it is not known.
     tendons
-        Those that are known.
+        Tendons that are known.
     """
     key = f"steps[{index}]"
     given: dict[str, str] = {}

@@ -18,7 +18,8 @@ from tdcr_fe.model.schema import Checked, FieldError, Quantity, check_instance
 
 Vector = tuple[float, float, float]
 TendonPath = Literal["straight", "continuous"]
-Friction = Literal["none", "per-tendon", "per-hole"]
+#: Names of the entries of `tdcr_fe.elements.friction.FRICTION_MODELS`, as a type.
+FrictionKind = Literal["none", "per-tendon", "per-hole"]
 
 _AT = "an arc length [m], from 0 to the length of the backbone"
 _GRAVITY = "three finite numbers [m/s^2] of at most 1e5, such as [0.0, 0.0, -9.81]"
@@ -124,7 +125,7 @@ class Model(Checked):
     """
 
     tendon_path: TendonPath = "straight"
-    friction: Friction = "per-hole"
+    friction: FrictionKind = "per-hole"
     elements_per_bay: Annotated[int | tuple[int, ...] | Literal["auto"], Quantity(ge=1, le=64)] = "auto"
     gravity: Annotated[Vector, Quantity(unit="m/s^2", ge=-1e5, le=1e5, allowed=_GRAVITY)] = (0.0, 0.0, 0.0)
     hysteresis: HysteresisKind = "elastic-plastic"

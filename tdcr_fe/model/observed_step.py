@@ -76,13 +76,13 @@ class ObservedChange:
     Attributes
     ----------
     positions : ndarray, shape (n, 3, P)
-        Of the nodes in the world.
+        Change of the positions of the nodes in the world.
     rotations : ndarray, shape (n, 3, P)
-        Of the sections, as world rotation vectors.
+        Change of the rotations of the sections, as world rotation vectors.
     curvature_rates : ndarray, shape (n - 1, 2, 3, P)
     displacements, base_tensions, distal_tensions : ndarray, shape (n_tendons, P)
     s : ndarray, shape (n, P)
-        Of the arc lengths of the nodes, which move along the backbone where disks do.
+        Change of the arc lengths of the nodes, which move along the backbone where disks do.
     """
 
     positions: Array
@@ -110,15 +110,15 @@ class ObservedStep:
     s : ndarray, shape (..., n)
         Arc lengths of the nodes [m].
     positions : ndarray, shape (..., n, 3)
-        Of the nodes in the world [m].
+        Positions of the nodes in the world [m].
     rotations : ndarray, shape (..., n, 3, 3)
-        Of the sections; the third column is the tangent.
+        Rotations of the sections; the third column is the tangent.
     displacements, base_tensions, distal_tensions : ndarray, shape (..., n_tendons)
         Pulled in at the base [m]; tensions above the base plate and at the anchor [N].
     tendon_names : tuple of str
     observation : Observation
     curvature_rates : ndarray, shape (..., n - 1, 2, 3), or None
-        As of `StepResult`.
+        See `StepResult`.
     """
 
     s: Array

@@ -50,7 +50,7 @@ class Description(NamedTuple):
 
     @classmethod
     def of(cls, robot: Robot, model: Model, steps: Sequence[LoadStep]) -> Description:
-        """Of a scenario."""
+        """The description of a scenario."""
         courses, b = {}, robot.backbone
         for tendon in robot.tendons:
             holes, end = robot.holes(tendon), robot.end(tendon)
@@ -141,7 +141,7 @@ def _are_guides(robot: Robot) -> bool:
 
 
 def _stiffnesses(robot: Robot) -> Iterator[Value]:
-    """Those given by hand beside those of the round rod and each other, base and springs; and the material."""
+    """Stiffnesses given by hand beside those of the round rod and each other, base and springs; and the material."""
     b = robot.backbone
     solid = Backbone(b.length, b.radius, b.youngs_modulus, b.poisson_ratio)
     for name, symbol in {"bending": "EI", "torsional": "GJ", "axial": "EA", "shear": "GA"}.items():

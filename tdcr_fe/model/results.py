@@ -45,22 +45,23 @@ class Sensitivity:
     value : float
         At which the derivative is taken.
     positions : ndarray, shape (n_steps, n, 3)
-        Of the world positions of the backbone nodes [m].
+        Derivatives of the world positions of the backbone nodes [m].
     rotations : ndarray, shape (n_steps, n, 3)
-        Of the sections' rotations as world rotation vectors [rad]: the derivative of a rotation matrix ``R`` is
-        ``skew(rotations) R``.
+        Derivatives of the sections' rotations as world rotation vectors [rad]: the derivative of a rotation matrix
+        ``R`` is ``skew(rotations) R``.
     curvature_rates : ndarray, shape (n_steps, n-1, 2, 3)
-        Of those of `StepResult`.
+        Derivatives of the rates of `StepResult`.
     base_tensions : ndarray, shape (n_steps, n_tendons)
         [N].
     displacements : ndarray, shape (n_steps, n_tendons)
-        Of the tendons pulled in at the base plate [m].
+        Derivatives of the lengths of the tendons pulled in at the base plate [m].
     tensions : tuple of ndarray, each of shape (n_steps, n_segments)
         By tendon, of every segment [N].
     slips : tuple of ndarray, each of shape (n_steps, n_segments - 1)
         By tendon, of the material that has passed each hole towards the base, base plate and anchor left out [m].
     arc_lengths : ndarray, shape (n,)
-        Of the arc lengths of the backbone nodes [m]; nodes move along the backbone where disks or their ends do.
+        Derivatives of the arc lengths of the backbone nodes [m]; nodes move along the backbone where disks or their
+        ends do.
     """
 
     parameter: str
@@ -76,7 +77,7 @@ class Sensitivity:
 
     @property
     def tips(self) -> Array:
-        """Of the tip positions [m], shape (n_steps, 3)."""
+        """Derivatives of the tip positions [m], shape (n_steps, 3)."""
         return self.positions[:, -1]
 
 
@@ -249,7 +250,7 @@ class SequenceResult:
     settings : mapping
         Numerical settings that were used.
     elements_per_bay : tuple of int
-        Of the mesh the steps were solved with.
+        Elements per bay of the mesh with which the steps were solved.
     sensitivities : Sensitivities
         Derivatives by parameters, by their names; empty where none were asked for.
     """
@@ -382,9 +383,9 @@ def interpolate_positions(nodes: Array, positions: Array, rotations: Array, s: A
     nodes
         Arc lengths of the nodes, ascending [m], shape (n,).
     positions
-        Of the nodes [m], shape (n, 3).
+        Positions of the nodes [m], shape (n, 3).
     rotations
-        Of the sections, shape (n, 3, 3).
+        Rotations of the sections, shape (n, 3, 3).
     s
         Arc lengths, within the range of the nodes [m], any shape.
 

@@ -48,9 +48,9 @@ class Spool(Checked):
     Attributes
     ----------
     radius : float
-        Of the spool [m]: the length wound is the radius times the motor's angle.
+        Radius of the spool [m]: the length wound is the radius times the motor's angle.
     stiffness : float or None
-        Of the spring in series with the tendon [N/m]. None is rigid.
+        Stiffness of the spring in series with the tendon [N/m]. None is rigid.
     """
 
     radius: Annotated[float, Quantity(unit="m", gt=0.0, le=1.0)]
@@ -68,11 +68,12 @@ class Tendon(Checked):
     name : str
         Name of the tendon in steps and tables.
     routing : Routing
-        Where its holes lie.
+        Where its holes lie. In ``robot.toml`` its fields are keys of the table of the tendon, beside its name.
     friction_coefficient : float
         Coefficient of friction between tendon and holes [1]. ``mu`` in the Capstan equation (paper, Eq. 28).
     end : float or None
-        Arc length of the disk it is anchored to, without it the tip; any arc length without disks [m].
+        Arc length of the disk to which it is anchored; by default the tip [m]. On a robot without disks it may be
+        anchored anywhere.
     axial_stiffness : float or None
         Axial stiffness EA of the tendon [N]. None is inextensible.
     adhesion : float
@@ -189,7 +190,7 @@ class Robot(Checked):
     disks : Disks
         The rigid disks on it; without them tendons follow the backbone.
     tendons : tuple of Tendon
-        One table per tendon.
+        Its tendons; in ``robot.toml`` one table ``[[tendons]]`` for each.
     name : str
         Name of the robot.
     tip_mass : float

@@ -91,7 +91,7 @@ class Routing:
         values
             By field.
         hole_arc_lengths
-            Of base plate and disks up to the tendon's end [m].
+            Arc lengths of base plate and disks up to the tendon's end [m].
 
         Raises
         ------

@@ -1,5 +1,6 @@
-"""Bounds, units and descriptions as annotations of dataclass fields, checked by pydantic.
+"""Machinery: how dataclass fields are annotated with bounds, units and descriptions, and how pydantic checks them.
 
+The keys that a file may have are in `tdcr_fe.io.keys`, which takes them from the dataclasses of `tdcr_fe.model`.
 A field such as ``length: Annotated[float, Quantity(unit="m", gt=0.0)]`` is checked by `Checked` when the object is
 made, and by `Keys.read` when a file is read. Its description is the first sentence about it in the section Attributes
 of the class. The JSON schema made of both says what is allowed: in errors, in the templates of files, and to editors.
@@ -64,7 +65,8 @@ class Quantity:
     description : str
         What it is, for documentation and editors; empty: as in the docstring of the class.
     unit : str
-        Of every number in it; empty where there is none. Files may give a text with another unit, such as "250 mm".
+        Unit of every number in it; empty where there is none. Files may give a text with another unit, such as "250
+        mm".
     gt, ge, le : float or None
         Bounds of every number in it.
     allowed : str
@@ -186,7 +188,7 @@ class Keys(dict[str, Any]):
     Attributes
     ----------
     defaults : mapping
-        Of keys that may be left out.
+        Defaults of keys that may be left out.
     """
 
     def __init__(self, annotations: Mapping[str, Any], defaults: Mapping[str, Any] | None = None) -> None:
@@ -195,7 +197,7 @@ class Keys(dict[str, Any]):
 
     @cached_property
     def in_file(self) -> Keys:
-        """Those that files have."""
+        """The keys that files have."""
         found = {n: a for n, a in self.items() if any(getattr(m, "in_file", False) for m in a.__metadata__)}
         return Keys(found, {n: x for n, x in self.defaults.items() if n in found})
 

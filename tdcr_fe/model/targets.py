@@ -35,7 +35,7 @@ class TipTarget(Checked):
     position : (float, float, float)
         World frame [m]; None leaves a coordinate open.
     direction : (float, float, float) or None
-        Of the tangent at the tip, of any length; None leaves it free.
+        Direction of the tangent at the tip, of any length; None leaves it free.
     label : str
         For tables and pictures.
     time : float or None

@@ -18,14 +18,13 @@ _UNITS: dict[tuple[int, ...], dict[str, Fraction | str]] = {
     (1, 1, -2): {"N": "1", "mN": "1e-3", "kN": "1e3", "gf": "9.80665e-3", "kgf": "9.80665"},
     (2, 1, -2): {"Nm": "1", "Nmm": "1e-3"},
     (-1, 1, -2): {"Pa": "1", "kPa": "1e3", "MPa": "1e6", "GPa": "1e9"},
-    (0, 0, 0): {"rad": "1", "mrad": "1e-3", "deg": _TURN / 360, "turns": _TURN, "%": "1e-2", "1": "1"},
+    (0, 0, 0): {"rad": "1", "mrad": "1e-3", "deg": _TURN / 360, "turns": _TURN, "1": "1"},
 }
 #: Units that numbers are often given in by mistake, by the unit that they should be in.
 _MISTAKEN = {
     "m": ("mm", "cm"), "N": ("mN", "gf", "kN"), "N m": ("N mm",), "N m^2": ("N mm^2",), "kg": ("g",),
     "Pa": ("GPa", "MPa", "kPa"), "kg/m^3": ("g/cm^3", "g/mm^3", "g/m^3"), "m/s^2": ("mm/s^2", "cm/s^2", "ft/s^2"),
     "1/m": ("1/mm",), "N/m": ("N/mm",), "N m/rad": ("N mm/rad",), "deg": ("rad",), "rad": ("deg",), "turns": ("deg",),
-    "": ("%",),
 }  # fmt: skip
 _KNOWN = {name: (dimension, Fraction(size)) for dimension, of in _UNITS.items() for name, size in of.items()}
 _NUMBER = r"[+-]?(?:[0-9]{1,40}\.?[0-9]{0,40}|\.[0-9]{1,40})(?:[eE][+-]?[0-9]{1,3})?"
@@ -69,7 +68,8 @@ def number_of(text: str, unit: str) -> float:
 
 def mistaken(unit: str) -> dict[str, float]:
     """Units that numbers are often given in by mistake, and their size in ``unit``."""
-    return {other: number_of(f"1 {other}", unit or "1") for other in _MISTAKEN.get(unit, ())}
+    sizes = {other: number_of(f"1 {other}", unit) for other in _MISTAKEN.get(unit, ())}
+    return sizes if unit else {"%": 0.01}
 
 
 def number_or_none(value: Any, unit: str) -> float | None:

@@ -90,7 +90,7 @@ def estimate(value: float, half_width: float | None, unit: str) -> str:
     value
         In SI units.
     half_width
-        Of an interval about it; None where there is none.
+        Half-width of an interval about it; None where there is none.
     unit
         SI unit, as in the files.
     """

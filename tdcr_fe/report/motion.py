@@ -78,7 +78,7 @@ class Motion:
     s : ndarray, shape (n,)
         Arc lengths of the sections: all nodes, and disks and holes that lie between nodes [m].
     radius : ndarray, shape (n,)
-        Of the backbone [m].
+        Radius of the backbone [m].
     positions : ndarray, shape (n_steps, n, 3)
         [m].
     rotations : ndarray, shape (n_steps, n, 4)
@@ -89,7 +89,7 @@ class Motion:
     tensions : tuple of ndarray, each of shape (n_steps, n_segments)
         [N].
     hole_states : tuple of ndarray of str, each of shape (n_steps, n_segments)
-        Of the hole at the far end of every segment.
+        State of the hole at the far end of every segment.
     base_tensions, displacements : ndarray, shape (n_steps, n_tendons)
         [N, m].
     driven_by_displacement : ndarray of bool, shape (n_steps, n_tendons)
@@ -142,7 +142,7 @@ class Motion:
 
     @property
     def largest_tension(self) -> float:
-        """Of all tendons, segments and steps [N]."""
+        """Largest tension of all tendons, segments and steps [N]."""
         return max((float(np.max(t, initial=0.0)) for t in self.tensions), default=0.0)
 
     @property

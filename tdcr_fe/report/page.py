@@ -95,7 +95,7 @@ class Page:
     Attributes
     ----------
     title : str
-        Of the window and above the verdict.
+        Title of the window and above the verdict.
     verdict : str
         One sentence.
     level : Level
@@ -103,7 +103,7 @@ class Page:
         Further sentences of the first screen, one or two lines each.
     cards : tuple of Card
     pictures : tuple of Picture
-        Of the first screen.
+        Pictures of the first screen.
     summary : Section or None
         Rest of the first screen, without a title.
     sections : tuple of Section

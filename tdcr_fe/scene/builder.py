@@ -88,8 +88,9 @@ def CreateTDCR(
         Rigid marker that carries the base plate, at its pose in the reference configuration. None puts the robot on
         ground.
     initialVelocity, initialAngularVelocity
-        Of the base plate, which the robot follows as a rigid body, in world axes [m/s, rad/s]: where the body of
-        ``baseMarker`` begins with them in ``mbs.SolveDynamic``. ``mbs.SolveTDCR`` leaves everything at rest.
+        Velocity and angular velocity of the base plate, which the robot follows as a rigid body, in world axes [m/s,
+        rad/s]: where the body of ``baseMarker`` begins with them in ``mbs.SolveDynamic``. ``mbs.SolveTDCR`` leaves
+        everything at rest.
     loadPositions
         Arc lengths of further nodes, for loads or markers between disks [m].
     presliding
@@ -99,7 +100,7 @@ def CreateTDCR(
     gravity
         As ``gravity`` of the model [m/s^2], shape (3,).
     color
-        Of the backbone, RGBA.
+        Colour of the backbone, RGBA.
     graphicsDataList
         Drawn with the base plate of a robot on ground, in world coordinates.
     returnDict

@@ -117,7 +117,7 @@ class DiskContact:
         Parameters
         ----------
         spheres
-            Of the robot.
+            Spheres of the robot.
         body
             Number of the body.
         points
@@ -243,11 +243,11 @@ def check_spacing(spheres: Sequence[Sphere], radius: float, name: str) -> None:
     Parameters
     ----------
     spheres
-        Of the robot, in order.
+        Spheres of the robot, in order.
     radius
-        Of the obstacle [m].
+        Radius of the obstacle [m].
     name
-        Of the obstacle.
+        Name of the obstacle.
 
     Raises
     ------

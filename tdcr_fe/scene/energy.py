@@ -73,7 +73,7 @@ class Masses:
 
     @classmethod
     def of(cls, robot: Robot, mesh: BackboneMesh, gravity: Vector) -> Masses:
-        """Of a robot and its mesh, with the acceleration of gravity."""
+        """Masses of a robot on its mesh, with the acceleration of gravity."""
         disks = robot.disks
         masses = np.zeros(len(mesh.arc_lengths))
         inertia = np.zeros((len(masses), 3))
@@ -116,11 +116,11 @@ def elastic_energy(actuation: TendonActuation, motion: NodeMotion, forces: Tendo
     Parameters
     ----------
     actuation
-        Of the robot.
+        Tendons, drives and forces of the robot.
     motion
         The configuration.
     forces
-        Of the tendons in this configuration.
+        Forces of the tendons in this configuration.
     """
     mesh, section, springs = actuation.mesh, actuation.model.section, actuation.model.springs
     law = forces.model.law

@@ -154,9 +154,9 @@ class TDCR(AssembledRobot):
         tendon
             Name of the tendon.
         inertia
-            Of motor and drum [kg m^2].
+            Inertia of motor and drum [kg m^2].
         radius
-            Of the drum [m]; a positive angle pulls the tendon in.
+            Radius of the drum [m]; a positive angle pulls the tendon in.
 
         Returns
         -------
@@ -241,9 +241,9 @@ class TDCR(AssembledRobot):
         contactStiffness
             Force over penetration [N/m].
         sphereRadius, localPosition
-            Of an obstacle that is a sphere: radius, and centre on its body [m].
+            For an obstacle that is a sphere: its radius, and its centre on its body [m].
         quadPoints
-            Of an obstacle that is a flat quadrangle: its corners in order, on the body [m], shape (4, 3).
+            For an obstacle that is a flat quadrangle: its corners in order, on the body [m], shape (4, 3).
         backbone
             Whether the backbone between disks is in contact, too; that of a robot without disks always is.
         contactDamping

@@ -156,7 +156,7 @@ def softened(forces: ForceModel, mesh: BackboneMesh, rigid: Flags, factor: float
     Parameters
     ----------
     forces
-        Of the same backbone, crept or not.
+        Section forces of the same backbone, crept or not.
     mesh, rigid
         Before it crept.
     factor

@@ -39,7 +39,7 @@ class SensorMaker:
         key
             Its name.
         function
-            Of the arguments that Exudyn passes: system, time, sensors, factors, configuration.
+            Function of the arguments that Exudyn passes: system, time, sensors, factors, configuration.
         rest
             Further arguments of ``SensorUserFunction``.
         """

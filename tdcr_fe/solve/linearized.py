@@ -47,9 +47,9 @@ class Modes:
         mbs
             The scene, in the state of which these are the modes.
         number
-            Of the mode, from 0.
+            Number of the mode, from 0.
         amplitude
-            Of the coordinate that moves most [m], or [1] for an Euler parameter.
+            Amplitude of the coordinate that moves most [m], or [1] for an Euler parameter.
         """
         data = mbs.systemData
         data.SetODE2Coordinates(np.array(data.GetODE2Coordinates()) + amplitude * self.shapes[:, number])

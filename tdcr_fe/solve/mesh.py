@@ -132,7 +132,7 @@ def exact_elements(
     model
         The elements.
     twists
-        Of the finite elements, where the iteration starts, shape (S, E, 6).
+        Twists of the finite elements, where the iteration starts, shape (S, E, 6).
     wrenches
         At the first node, in its frame, shape (S, E, 6).
     weight
@@ -149,7 +149,7 @@ def exact_elements(
     """
     section, mesh, h = model.forces.section, model.forces.mesh, model.forces.mesh.lengths[:, None]
     stiffness = mesh.stiffness.copy()
-    # Of the section itself: without the residual flexibility of bending in the shear.
+    # The stiffness of the section itself, without the residual flexibility of bending that is added to the shear.
     add_residual_flexibility(stiffness, mesh.lengths, -1.0)
     thick, wide = _sizes(mesh)
     compliance = 1.0 / (stiffness[:, None, :] * np.stack((*[wide**2] * 3, *[thick**4] * 3), axis=-1))
@@ -245,7 +245,7 @@ def defects(model: ElementModel, twists: Array, rotations: Array, tensions: Arra
     model
         The elements.
     twists, rotations, tensions
-        Of several solved states, as in `SolvedState`, with one more axis in front.
+        Twists and rotations and tensions of several solved states, as in `SolvedState`, with one more axis in front.
 
     Returns
     -------
@@ -362,7 +362,7 @@ def bay_loads(model: ElementModel, twists: Array, tensions: Array) -> Array:
     model
         The elements.
     twists, tensions
-        Of the states, shapes (S, E, 6) and (S, m).
+        Twists and tensions of the states, shapes (S, E, 6) and (S, m).
     """
     forces, found = model.forces, np.zeros((len(twists), int(model.bays.max()) + 1))
     if forces.section is not None and forces.section.tendons is not None:
@@ -437,7 +437,7 @@ def refined(
     counts
         Elements per bay of the present mesh, shape (B,).
     estimates
-        Of its steps, one of which at least exceeds the goal.
+        Estimates of its steps, one of which at least exceeds the goal.
     goal
         Error to stay below [m].
     order

@@ -159,9 +159,9 @@ class MeshedRun(ABC):
     Parameters
     ----------
     simulation
-        Of the robot, at its beginning.
+        Simulation of the robot, at its beginning.
     elements_per_bay
-        Of the mesh.
+        Elements per bay of the mesh.
     count
         Number of load steps.
 
@@ -203,7 +203,7 @@ class MeshedRun(ABC):
 
     @property
     def _estimates(self) -> tuple[MeshEstimate, ...]:
-        """Of all steps so far, and of those to come where these were estimated."""
+        """Estimates of all steps so far, and of those to come where these were estimated."""
         return (*self.monitor.estimates, *(self.pilots or ()))
 
     def too_coarse(self) -> bool:

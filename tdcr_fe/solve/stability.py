@@ -136,7 +136,7 @@ class ExternalCompression:
 
     @classmethod
     def of(cls, simulation: Simulation) -> ExternalCompression:
-        """Of the robot of a simulation and its mesh."""
+        """Compression of the robot of a simulation, on its mesh."""
         handle = simulation.handle
         backbone, mesh = handle.robot.backbone, handle.actuation.mesh
         masses = Masses.of(handle.robot, mesh, handle.model.gravity)

@@ -74,7 +74,7 @@ class Normal(Distribution):
     Attributes
     ----------
     mean, std : float
-        Of the distribution before truncation.
+        Mean and standard deviation of the distribution before truncation.
     lower, upper : float or None
         Values beyond them do not occur.
     """
@@ -145,7 +145,7 @@ def unit_points(method: str, samples: int, dimensions: int, seed: int) -> Array:
     samples
         A power of two for "sobol" and "saltelli".
     seed
-        Of the random numbers.
+        Seed of the random numbers.
     """
     random = np.random.default_rng(seed)
     if method == "latin-hypercube":
@@ -218,7 +218,7 @@ class Sampling(Checked):
     samples : int or None
         Number of points; of "saltelli" the N of N (d + 2).
     seed : int
-        Of the random numbers.
+        Seed of the random numbers.
     """
 
     method: Annotated[Method, Quantity("how cases are chosen")] = "grid"
@@ -255,13 +255,13 @@ class Variation(Checked):
     Attributes
     ----------
     key : str
-        Of what gets the value.
+        Key of what gets the value.
     name : str
-        Of the column in the table of cases; empty: the key.
+        Name of the column in the table of cases; empty: the key.
     mode : "value", "factor" or "offset"
         The value replaces, multiplies, or is added to what the files declare.
     values, range
-        Of a grid or a list, or equally likely ones of a sample.
+        Values and range of a grid or a list, or equally likely ones of a sample.
     uniform, normal, lognormal
         A distribution.
     """

@@ -100,9 +100,9 @@ def set_value(tables: ScenarioTables, key: Key, change: Change) -> ScenarioTable
     Parameters
     ----------
     tables
-        Of scenario and robot.
+        Tables of scenario and robot.
     key
-        Of the value.
+        Key of the value.
     change
         From the present value to the new one.
 

@@ -74,7 +74,7 @@ def sobol_indices(values: Array, dimensions: int, seed: int = 0) -> SobolIndices
     dimensions
         Number d of variations.
     seed
-        Of the bootstrap.
+        Seed of the bootstrap.
 
     Returns
     -------
@@ -136,7 +136,7 @@ class Collected:
     Parameters
     ----------
     number
-        Of cases.
+        Number of cases.
     """
 
     def __init__(self, number: int) -> None:
@@ -198,9 +198,9 @@ class SweepResult:
     failures : mapping of str to tuple of Message
         By status, the reasons of cases that did not converge; the most frequent first.
     warnings : tuple of Message
-        Of all cases; the most frequent first.
+        Warnings of all cases; the most frequent first.
     wall_time : float
-        Of this call [s].
+        Wall time of this call [s].
     solved_now : int
         Cases that this call solved; the others were recalled.
     """

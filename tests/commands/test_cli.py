@@ -33,15 +33,15 @@ def calls(monkeypatch):
     return noted
 
 
-@pytest.mark.parametrize(
-    ("message", "failed", "status", "words"),
-    [
-        ("residual 3.2 after 50 iterations", 2, 1,
-            'step 2 of 2 ("far") did not converge; 1 step solved before it is in'),
-        ("no", 1, 1, "step 1 of 2"),
-        ("interrupted", 2, 130, 'interrupted in step 2 of 2 ("far"); 1 step solved before it is in'),
-    ],
-)  # fmt: skip
+FAILURES = [
+    ("residual 3.2 after 50 iterations", 2, 1,
+        'step 2 of 2 ("far") did not converge; 1 step solved before it is in'),
+    ("no", 1, 1, "step 1 of 2"),
+    ("interrupted", 2, 130, 'interrupted in step 2 of 2 ("far"); 1 step solved before it is in'),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("message", "failed", "status", "words"), FAILURES)
 def test_what_is_solved_before_a_failure_stays(tmp_path, monkeypatch, capsys, message, failed, status, words):
     def simulate(robot, model, steps, settings=None, progress=None, **beside):
         full = arc_result(robot, list(steps))

@@ -104,17 +104,17 @@ def test_targets_in_another_unit_are_refused_with_it(tmp_path, robot, capsys, un
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize(
-    ("text", "options", "expected"),
-    [
-        ("x,y,z\n0,0,0.2\n", ONE, "step: missing column"),
-        ("step,x,y,z,dx\n1,0,0,0.2,1\n", ONE, "all three or none"),
-        ("step,x,y,zz\n1,0,0,0.2\n", ONE, "did you mean z?"),
-        ("step,x,y,z\n", ONE, "has no rows"),
-        ("step,x,y,z\n1,0,0,0.2\n", ["--largest", "much"], "'much': must be one number"),
-        ("step,x,y,z\n1,0,0,0.2\n", [*ONE, "--displacements"], "needs a pretension above zero"),
-    ],
-)
+WRONG_PATHS = [
+    ("x,y,z\n0,0,0.2\n", ONE, "step: missing column"),
+    ("step,x,y,z,dx\n1,0,0,0.2,1\n", ONE, "all three or none"),
+    ("step,x,y,zz\n1,0,0,0.2\n", ONE, "did you mean z?"),
+    ("step,x,y,z\n", ONE, "has no rows"),
+    ("step,x,y,z\n1,0,0,0.2\n", ["--largest", "much"], "'much': must be one number"),
+    ("step,x,y,z\n1,0,0,0.2\n", [*ONE, "--displacements"], "needs a pretension above zero"),
+]
+
+
+@pytest.mark.parametrize(("text", "options", "expected"), WRONG_PATHS)
 def test_columns_and_options_are_checked(tmp_path, robot, capsys, text, options, expected):
     assert expected in said(capsys, 2, *command(robot, text, *options))
     assert not (tmp_path / "out").exists()

@@ -106,24 +106,24 @@ def test_moment_and_place_are_written_where_they_are_estimated(wrong):
     assert "Moment over time" in (wrong / "out" / "report.html").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize(
-    ("file", "old", "new", "words"),
-    [
-        ("estimate.toml", "[inputs]\nsigma = 0.01\ncorrelation_time = 1.0", "", "inputs: missing; must be a table"),
-        ("estimate.toml", "[inputs]", "[uncertain.side_spring]\ns = 1\n[inputs]", "uncertain: no derivative by"),
-        ("estimate.toml", "sigma = 0.05", "sigma = -1.0", "load.sigma = -1.0: must be a positive number [N]"),
-        ("estimate.toml", "sigma = 0.05", 'at = "top"',
-            'load.at = "top": must be an arc length above zero [m], "tip" or "unknown"'),
-        ("estimate.toml", "sigma = 0.05", "at = 0.9", "load.at = 0.9: must be at most the length"),
-        ("estimate.toml", "sigma = 0.01", "sigma = {helix = 0.1}",
-            "tendon t180 is missing; tendon t270 is missing; tendon t0 is missing; the robot has helix, t180, t270"),
-        ("model.toml", "elastic-plastic", "dahl", "model.toml: model.hysteresis = \"dahl\": must be 'elastic-plastic'"),
-        ("loading.csv", "time", "tim", "loading.csv: tim: unknown column"),
-        ("observations.csv", "quantity", "channel", "observations.csv: quantity: missing column"),
-        ("observations.csv", "position_", "place_", "0 of 9 rows would be left"),
-        ("observations.csv", ",0.0001", ",", "estimation needs every standard deviation; it is missing in line 2"),
-    ],
-)  # fmt: skip
+WRONG_FILES = [
+    ("estimate.toml", "[inputs]\nsigma = 0.01\ncorrelation_time = 1.0", "", "inputs: missing; must be a table"),
+    ("estimate.toml", "[inputs]", "[uncertain.side_spring]\ns = 1\n[inputs]", "uncertain: no derivative by"),
+    ("estimate.toml", "sigma = 0.05", "sigma = -1.0", "load.sigma = -1.0: must be a positive number [N]"),
+    ("estimate.toml", "sigma = 0.05", 'at = "top"',
+        'load.at = "top": must be an arc length above zero [m], "tip" or "unknown"'),
+    ("estimate.toml", "sigma = 0.05", "at = 0.9", "load.at = 0.9: must be at most the length"),
+    ("estimate.toml", "sigma = 0.01", "sigma = {helix = 0.1}",
+        "tendon t180 is missing; tendon t270 is missing; tendon t0 is missing; the robot has helix, t180, t270"),
+    ("model.toml", "elastic-plastic", "dahl", "model.toml: model.hysteresis = \"dahl\": must be 'elastic-plastic'"),
+    ("loading.csv", "time", "tim", "loading.csv: tim: unknown column"),
+    ("observations.csv", "quantity", "channel", "observations.csv: quantity: missing column"),
+    ("observations.csv", "position_", "place_", "0 of 9 rows would be left"),
+    ("observations.csv", ",0.0001", ",", "estimation needs every standard deviation; it is missing in line 2"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("file", "old", "new", "words"), WRONG_FILES)
 def test_mistakes_are_named(wrong, tmp_path, capsys, file, old, new, words):
     (wrong / file).write_text((wrong / file).read_text().replace(old, new))
     assert words in said(capsys, 2, "estimate", wrong, "-o", tmp_path / "out")
@@ -226,16 +226,16 @@ def test_effects_that_identify_found_act_with_their_covariance(wrong, tmp_path, 
     np.testing.assert_allclose(found[["force_x", "force_y", "force_z"]], forces, atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("file", "old", "new", "words"),
-    [
-        ("found/result.json", "standard_errors", "errors", "must be a folder with a result.json of identify"),
-        ("found/result.json", "[0.05", "[null", "of identify (this version), with all standard errors"),
-        ("robot.toml", "", "\n", "must be found with the robot.toml and model.toml of this folder"),
-        ("estimate.toml", "_x = 0.1", "_x = -0.1", "uncertain.precurvature.kappa_x = -0.1: must be"),
-        ("estimate.toml", "kappa_x", "kapa_x", "did you mean kappa_x?"),
-    ],
-)
+WRONG_RESULTS = [
+    ("found/result.json", "standard_errors", "errors", "must be a folder with a result.json of identify"),
+    ("found/result.json", "[0.05", "[null", "of identify (this version), with all standard errors"),
+    ("robot.toml", "", "\n", "must be found with the robot.toml and model.toml of this folder"),
+    ("estimate.toml", "_x = 0.1", "_x = -0.1", "uncertain.precurvature.kappa_x = -0.1: must be"),
+    ("estimate.toml", "kappa_x", "kapa_x", "did you mean kappa_x?"),
+]
+
+
+@pytest.mark.parametrize(("file", "old", "new", "words"), WRONG_RESULTS)
 def test_wrong_results_of_identify_are_named(wrong, tmp_path, capsys, file, old, new, words):
     identified(wrong, [0.05, 0.01, 1.0])
     (wrong / file).write_text((wrong / file).read_text().replace(old, new, 1))

@@ -66,22 +66,22 @@ def standing_still():
     return stuck
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (exchange_axes, "x = position_y, y = position_x"),
-        (lambda r: exchange_axes(r) if r.step > 6 else r, "if from step 7 on the axes are relabelled: x = pos"),
-        (lambda r: replace(r, step=r.step + 1) if r.step < 10 else None, "those of each step appear one step later"),
-        (lambda r: replace(r, location={0.1: 0.2, 0.2: 0.1}[r.location]),
-         "the markers at s = 0.1 m and s = 0.2 m are exchanged"),
-        (height(lambda r: r.value - r.location), "position_z counts up from the unloaded marker"),
-        (height(lambda r: 0.2 - r.value), "position_z counts down from the unloaded tip"),
-        (standing_still(), "is constant at"),
-        (rounded, "rounded to 10 mm"),
-        (lambda r: replace(rounded(r), sigma=0.01 / np.sqrt(12.0)), ""),  # the sigma of such rounding
-        (lambda r: r, ""),
-    ],
-)  # fmt: skip
+FAULTS = [
+    (exchange_axes, "x = position_y, y = position_x"),
+    (lambda r: exchange_axes(r) if r.step > 6 else r, "if from step 7 on the axes are relabelled: x = pos"),
+    (lambda r: replace(r, step=r.step + 1) if r.step < 10 else None, "those of each step appear one step later"),
+    (lambda r: replace(r, location={0.1: 0.2, 0.2: 0.1}[r.location]),
+     "the markers at s = 0.1 m and s = 0.2 m are exchanged"),
+    (height(lambda r: r.value - r.location), "position_z counts up from the unloaded marker"),
+    (height(lambda r: 0.2 - r.value), "position_z counts down from the unloaded tip"),
+    (standing_still(), "is constant at"),
+    (rounded, "rounded to 10 mm"),
+    (lambda r: replace(rounded(r), sigma=0.01 / np.sqrt(12.0)), ""),  # the sigma of such rounding
+    (lambda r: r, ""),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("change", "words"), FAULTS)
 def test_a_fault_of_the_readings_is_named(clean, change, words):
     """Each would leave an error of many sigma that a listed effect removes in part."""
     check(fault_of(changed(clean, change)), words)
@@ -96,17 +96,17 @@ def test_a_marker_where_no_backbone_reaches_is_named_before_anything_is_solved(c
     assert "marker at s = 0.02 m is read" in sentences(found)[1] and found.log.runs < 20
 
 
-@pytest.mark.parametrize(
-    ("quantity", "factor", "numbers", "words"),
-    [
-        ("tendon_displacement", -1.0, "12", "fit with the other sign"),
-        ("tendon_displacement", 1.0, "12", ""),
-        ("tendon_displacement", 5.0, "12", ""),
-        ("tendon_displacement", 1.0, "21", "of tendon_displacement fit if those of t1 and t2 are exchanged"),
-        ("base_tension", 1.0, "12", ""),
-        ("base_tension", 102.0, "12", "the readings of base_tension fit if they are in gf"),
-    ],
-)
+WRONG_SIGNS = [
+    ("tendon_displacement", -1.0, "12", "fit with the other sign"),
+    ("tendon_displacement", 1.0, "12", ""),
+    ("tendon_displacement", 5.0, "12", ""),
+    ("tendon_displacement", 1.0, "21", "of tendon_displacement fit if those of t1 and t2 are exchanged"),
+    ("base_tension", 1.0, "12", ""),
+    ("base_tension", 102.0, "12", "the readings of base_tension fit if they are in gf"),
+]
+
+
+@pytest.mark.parametrize(("quantity", "factor", "numbers", "words"), WRONG_SIGNS)
 def test_faults_of_what_is_read_of_tendons_are_named(clean, quantity, factor, numbers, words):
     """27 outliers were listed; a load cell that read zero while another tendon was pulled was called stuck."""
     tensions = quantity == "base_tension"

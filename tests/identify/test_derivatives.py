@@ -96,7 +96,7 @@ WITHOUT_NAME = [
 
 
 def known(about: FitProblem, name: str) -> Effect:
-    """A listed effect, a form of one, or a cause without a name."""
+    """A listed effect, a form of one, or an unlisted cause."""
     listed = name.split(" (")[0]
     if listed not in {e.name for e in EFFECTS}:
         return causes_of(about)[1][name]
@@ -141,13 +141,13 @@ SLOW = {"frame_misalignment (rotated and moved)", "frame_misalignment (moved)"}
 SLOW |= {"superelastic", "friction_coefficient (each)"}
 
 
-@pytest.mark.parametrize(
-    ("kind", "values"),
-    [
-        pytest.param(k, v, marks=[pytest.mark.integration] * bool(SLOW & v.keys()), id=f"{k}-{'+'.join(v)}")
-        for k, v in (*TOGETHER, *WITHOUT_NAME)
-    ],
-)
+CASES = [
+    pytest.param(k, v, marks=[pytest.mark.integration] * bool(SLOW & v.keys()), id=f"{k}-{'+'.join(v)}")
+    for k, v in (*TOGETHER, *WITHOUT_NAME)
+]
+
+
+@pytest.mark.parametrize(("kind", "values"), CASES)
 def test_derivatives_of_all_channels_are_those_of_whole_simulations(kind: str, values: dict) -> None:
     """By every parameter of every effect, of positions, angles, offsets, displacements, tensions and curvatures."""
     # where bays become longer, the strain that jumps at a disk makes its derivative one to one side

@@ -49,22 +49,22 @@ def test_the_example_of_the_page_is_found_and_runs(example, tmp_path, capsys):
     assert all(abs(steps.loc[str(r.step), "tip_x"] - r.value) < 5.0 * r.sigma for r in tips)
 
 
-@pytest.mark.parametrize(
-    ("change", "text"),
-    [
-        (lambda t: t.replace("class CablePull(Effect)", "class CablePull"), "must define a class derived from"),
-        (lambda t: t.replace('"cable_pull"', '"gravity"'), "is the name of another effect"),
-        (lambda t: t.replace('"cable_pull"', '"cable pull"'), "must be a word"),
-        (lambda t: t.replace("def apply", "def act"), "apply: must be defined"),
-        (lambda t: t.replace("parameters = tuple(", "numbers = tuple("), "at least one"),
-        (lambda t: t.replace("0.0, 1e-3", "9.0, 1e-3"), "must lie within its bounds, -5 to 5 N"),
-        (lambda t: t.replace("import replace", "import substitute"), "cannot be run: ImportError"),
-        (lambda t: t + "\n1 +", "cannot be run: SyntaxError"),
-        # before anything is simulated
-        (lambda t: t.replace("values[p.name]", 'values["force"]'), "CablePull.apply: fails at null values: KeyError"),
-        (lambda t: t.replace("return replace(experiment, steps=steps)", "return steps"), "must return an Experiment"),
-    ],
-)  # fmt: skip
+WRONG_FILES = [
+    (lambda t: t.replace("class CablePull(Effect)", "class CablePull"), "must define a class derived from"),
+    (lambda t: t.replace('"cable_pull"', '"gravity"'), "is the name of another effect"),
+    (lambda t: t.replace('"cable_pull"', '"cable pull"'), "must be a word"),
+    (lambda t: t.replace("def apply", "def act"), "apply: must be defined"),
+    (lambda t: t.replace("parameters = tuple(", "numbers = tuple("), "at least one"),
+    (lambda t: t.replace("0.0, 1e-3", "9.0, 1e-3"), "must lie within its bounds, -5 to 5 N"),
+    (lambda t: t.replace("import replace", "import substitute"), "cannot be run: ImportError"),
+    (lambda t: t + "\n1 +", "cannot be run: SyntaxError"),
+    # before anything is simulated
+    (lambda t: t.replace("values[p.name]", 'values["force"]'), "CablePull.apply: fails at null values: KeyError"),
+    (lambda t: t.replace("return replace(experiment, steps=steps)", "return steps"), "must return an Experiment"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("change", "text"), WRONG_FILES)
 def test_a_file_that_is_no_effect_is_refused_with_what_is_allowed(example, tmp_path, capsys, change, text):
     changed = change(EXAMPLE)
     assert changed != EXAMPLE

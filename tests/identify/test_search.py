@@ -13,7 +13,7 @@ from tdcr_fe.effects import Experiment
 from tdcr_fe.identify import fitting, identify, search
 from tdcr_fe.identify.bay_state import last_direction
 from tdcr_fe.identify.causes import PointForce, is_named
-from tdcr_fe.identify.criteria import BIC_DIFFERENCE, UNNAMED, price, rank
+from tdcr_fe.identify.criteria import BIC_DIFFERENCE, UNLISTED, price, rank
 from tdcr_fe.identify.derivatives import Request, linearize
 from tdcr_fe.identify.forward import Job
 from tdcr_fe.identify.problem import Fit, evaluate
@@ -44,7 +44,7 @@ def test_a_cause_at_a_place_and_one_without_a_name_have_a_price():
     one = price((effect("gravity"),), ROBOT)
     assert price((effect("gravity"), effect("creep")), ROBOT) == pytest.approx(2.0 * one)
     assert price((bay,), ROBOT) - one == pytest.approx(2.0 * np.log(4))
-    assert price((taper,), ROBOT) - one == pytest.approx(2.0 * UNNAMED)
+    assert price((taper,), ROBOT) - one == pytest.approx(2.0 * UNLISTED)
 
 
 @pytest.mark.integration
@@ -100,8 +100,8 @@ def test_a_listed_effect_in_another_form_is_preferred_to_a_cause_without_a_name(
     everywhere = {p.name: hidden for p in each.parameters}
     for e, values in ((each, everywhere), (law, {"friction": 0.7 * (hidden - declared), "exponent": 0.0})):
         state = state.with_fit(fitting.fit(own, (e,), {e.name: values}))
-    unnamed = state.fits[frozenset({law.name})]
-    last = backward_selection(searching(), replace(state, best=unnamed, dictionary=(law, *forms)))
+    unlisted = state.fits[frozenset({law.name})]
+    last = backward_selection(searching(), replace(state, best=unlisted, dictionary=(law, *forms)))
     assert last.best.names == (whole.name,)
 
 

@@ -82,15 +82,15 @@ def test_joined_sets_keep_their_readings_branches_and_begin_anew():
     assert join_measured(declared).experiment.observation.offset == (0.0, 0.0, 8e-3)
 
 
-@pytest.mark.parametrize(
-    ("change", "text"),
-    [
-        (lambda b: replace(b, robot=replace(b.robot, tip_mass=0.01)), "robot = another tip_mass"),
-        (lambda b: replace(b, model=replace(b.model, gravity=(0.0, 0.0, -9.81))), "model = another gravity"),
-        (lambda b: replace(b, effects={"marker_offset": {"offset_z": 9e-3}}), "effects"),
-        (lambda b: replace(b, name="A"), "two folders have this name"),
-    ],
-)
+DIFFERENT = [
+    (lambda b: replace(b, robot=replace(b.robot, tip_mass=0.01)), "robot = another tip_mass"),
+    (lambda b: replace(b, model=replace(b.model, gravity=(0.0, 0.0, -9.81))), "model = another gravity"),
+    (lambda b: replace(b, effects={"marker_offset": {"offset_z": 9e-3}}), "effects"),
+    (lambda b: replace(b, name="A"), "two folders have this name"),
+]
+
+
+@pytest.mark.parametrize(("change", "text"), DIFFERENT)
 def test_sets_of_different_robots_are_refused_by_what_differs(change, text):
     a, b = sets()
     with pytest.raises(InputError, match=text):

@@ -32,13 +32,13 @@ def some(data, chosen, **changes):
     return replace(data, readings=tuple(replace(r, **changes) for r in data.readings if chosen(r)))
 
 
-@pytest.mark.parametrize(
-    ("hidden", "verdict", "words"),
-    [
-        (1e-3, "explained by a law found", "unlisted cause: the backbone is"),
-        (1e-6, "explained", "(not certain)"),
-    ],
-)
+HIDDEN = [
+    (1e-3, "explained by a law found", "unlisted cause: the backbone is"),
+    (1e-6, "explained", "(not certain)"),
+]
+
+
+@pytest.mark.parametrize(("hidden", "verdict", "words"), HIDDEN)
 def test_a_law_is_found_where_it_is_more_probable_than_all_else(hidden, verdict, words):
     """One that was as good as seven others was found, at a probability of 0.18."""
     problem, _, causes = declared()

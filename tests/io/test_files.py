@@ -5,6 +5,7 @@ import os
 import re
 import tomllib
 from pathlib import Path
+from typing import Annotated
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -14,12 +15,15 @@ from inputs import REMOVED, ROBOT, SCENARIO, changed, write
 import tdcr_fe as tdcr
 from tdcr_fe import ConstantFriction, Disks, Load, LoadStep, Model, Robot, SolverSettings, Spool, Tendon
 from tdcr_fe.cli import main
+from tdcr_fe.elements.friction import FRICTION_MODELS
+from tdcr_fe.elements.hysteresis import HYSTERESES
+from tdcr_fe.io import toml
 from tdcr_fe.io.files import InputError, Problem
 from tdcr_fe.io.toml import read_model, read_model_file, read_robot, read_scenario
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml, scenario_to_toml
 from tdcr_fe.model.backbone import Backbone, StiffnessPatch, Superelastic
 from tdcr_fe.model.routing import ROUTINGS
-from tdcr_fe.model.schema import keys_of
+from tdcr_fe.model.schema import Keys, Quantity, keys_of
 from tdcr_fe.validation.fuzz.drawing import draw
 
 
@@ -107,6 +111,7 @@ ROBOT_MISTAKES = [
     ({"tendons.0.routing": "paralel"}, "tendons[0].routing", '"paralel"', ["helical", "did you mean parallel?"]),
     ({"tendons.0.offset": REMOVED}, "tendons[0].offset", "", ["missing", "a number [m], zero or more"]),
     ({"tendons.0.offset": 6e-3}, "tendons[0].offset", "0.006", ["base plate", "outside the disk", "0.005 m"]),
+    ({"tendons.0.angle_deg": "50 %"}, "tendons[0].angle_deg", '"50 %"', ["rad, mrad, deg, turns); unknown unit %"]),
     ({"tendons.0.turns": 1.0}, "tendons[0].turns", "1.0", ["unknown key; allowed here: name, routing, offset"]),
     ({"tendons.1.end_offset": 9e-3}, "tendons[1].end_offset", "0.009", ["disk 1", "0.005 m"]),
     ({"tendons.1.end": 0.16}, "tendons[1].end", "0.16", ["no disk is there", "0.15 and 0.2 m"]),
@@ -303,6 +308,23 @@ def test_every_field_of_a_robot_is_in_the_file_or_follows_from_it():
         assert {f.name for f in dataclasses.fields(cls)} - set(keys_of(cls)) == follows.get(cls, set())
         described = {n: x.get("description") for n, x in keys_of(cls).json_schema["properties"].items()}
         assert [n for n, text in described.items() if text is None or text.partition(" [")[0] == n] == []
+
+
+def test_a_new_key_at_the_top_of_robot_toml_is_read_and_written(tmp_path, monkeypatch):
+    longer = dataclasses.make_dataclass("Longer", [("cable", float, 0.0)], bases=(Robot,), frozen=True)
+    cable = {"cable": Annotated[float, Quantity()]}
+    monkeypatch.setattr(toml, "Robot", longer)
+    monkeypatch.setattr(toml, "ROBOT", Keys(toml.ROBOT | cable, {**toml.ROBOT.defaults, "cable": 0.0}))
+    (tmp_path / "robot.toml").write_text(changed(ROBOT, {"cable": 2.0}))
+    read = read_robot(tmp_path / "robot.toml")
+    assert read.cable == 2.0
+    assert "cable = 2.0" in robot_to_toml(read)
+
+
+@pytest.mark.parametrize(("key", "table"), [("friction", FRICTION_MODELS), ("hysteresis", HYSTERESES)])
+def test_the_names_that_a_model_takes_are_those_of_the_table(key, table):
+    assert keys_of(Model).json_schema["properties"][key]["enum"] == list(table)
+    assert all(f'"{name}"' in Model.__doc__ for name in table)
 
 
 def test_what_the_format_cannot_express_is_refused_and_named():

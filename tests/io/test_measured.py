@@ -62,17 +62,17 @@ def test_what_a_step_does_not_name_is_written_as_it_was(tmp_path):
     assert [s.loads["tip"].force for s in found] == [(0.0, 0.02, 0.0), (0.01, 0.02, 0.0), (0.01, 0.02, 0.0)]
 
 
-@pytest.mark.parametrize(
-    ("steps", "named"),
-    [
-        ([LoadStep("", loads={"side": Load(0.1, (0.0, 0.1, 0.0))})], "load side: not at the tip"),
-        ([LoadStep("", loads={"tip": Load(0.25, moment=(0.0, 0.1, 0.0))})], "load tip: a moment"),
-        ([LoadStep("", loads={"tip": Load(0.25, (0.0, 0.1, 0.0), frame="section")})],
-            "load tip: a force in the frame of the section"),
-        ([LoadStep("", {"t1": 0.1}), LoadStep("", displacements={"t1": 1e-3})],
-            "tendon t1: driven by tension and by displacement"),
-    ],
-)  # fmt: skip
+WITHOUT_COLUMN = [
+    ([LoadStep("", loads={"side": Load(0.1, (0.0, 0.1, 0.0))})], "load side: not at the tip"),
+    ([LoadStep("", loads={"tip": Load(0.25, moment=(0.0, 0.1, 0.0))})], "load tip: a moment"),
+    ([LoadStep("", loads={"tip": Load(0.25, (0.0, 0.1, 0.0), frame="section")})],
+        "load tip: a force in the frame of the section"),
+    ([LoadStep("", {"t1": 0.1}), LoadStep("", displacements={"t1": 1e-3})],
+        "tendon t1: driven by tension and by displacement"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("steps", "named"), WITHOUT_COLUMN)
 def test_what_has_no_column_is_refused_by_name_and_nothing_is_written(tmp_path, steps, named):
     """Version 0.1 left such loads out."""
     with pytest.raises(ValueError, match=f"loading.csv cannot express {named}"):
@@ -80,27 +80,27 @@ def test_what_has_no_column_is_refused_by_name_and_nothing_is_written(tmp_path, 
     assert not (tmp_path / "set").exists()
 
 
-@pytest.mark.parametrize(
-    ("row", "column", "hint"),
-    [
-        ("2,position_x,0.25,nan,1e-4", "value", "finite"),
-        ("2,position_x,0.25,,1e-4", "value", "finite"),
-        ("3,position_x,0.2,0.1,1e-4", "step", "loading.csv"),
-        ("2,position_x,0.25,0.1,1e-4", "step", "line 5"),
-        ("2,position_q,0.25,0.1,1e-4", "quantity", "did you mean"),
-        ("2,position_x,0.3,0.1,1e-4", "location", "0 to 0.25"),
-        ("2,position_x,250,0.1,1e-4", "location", "mm"),
-        ("2,position_x,,0.1,1e-4", "location", "arc length"),
-        ("2,distal_tension,t9,0.1,1e-4", "location", "t1, t2, t3"),
-        ("2,chord_angle,0.25,0.1,1e-4", "location", "empty"),
-        ("2,position_x,0.2,85.3,1e-4", "value", "mm"),
-        ("2,chord_angle,,41.5,1e-4", "value", "deg"),
-        ("2,chord_angle,,-1.0,1e-4", "value", "between -0.2 and"),
-        ("2,position_x,0.2,0.1,0", "sigma", "positive"),
-        ("2,position_x,0.2,0.1,inf", "sigma", "positive"),
-        ("2,position_x,0.2,0.1,0.2", "sigma", "mm"),
-    ],
-)
+BAD_READINGS = [
+    ("2,position_x,0.25,nan,1e-4", "value", "finite"),
+    ("2,position_x,0.25,,1e-4", "value", "finite"),
+    ("3,position_x,0.2,0.1,1e-4", "step", "loading.csv"),
+    ("2,position_x,0.25,0.1,1e-4", "step", "line 5"),
+    ("2,position_q,0.25,0.1,1e-4", "quantity", "did you mean"),
+    ("2,position_x,0.3,0.1,1e-4", "location", "0 to 0.25"),
+    ("2,position_x,250,0.1,1e-4", "location", "mm"),
+    ("2,position_x,,0.1,1e-4", "location", "arc length"),
+    ("2,distal_tension,t9,0.1,1e-4", "location", "t1, t2, t3"),
+    ("2,chord_angle,0.25,0.1,1e-4", "location", "empty"),
+    ("2,position_x,0.2,85.3,1e-4", "value", "mm"),
+    ("2,chord_angle,,41.5,1e-4", "value", "deg"),
+    ("2,chord_angle,,-1.0,1e-4", "value", "between -0.2 and"),
+    ("2,position_x,0.2,0.1,0", "sigma", "positive"),
+    ("2,position_x,0.2,0.1,inf", "sigma", "positive"),
+    ("2,position_x,0.2,0.1,0.2", "sigma", "mm"),
+]
+
+
+@pytest.mark.parametrize(("row", "column", "hint"), BAD_READINGS)
 def test_a_bad_reading_is_left_out_by_name(folder, row, column, hint):
     path = folder / "observations.csv"
     path.write_text(path.read_text() + row + "\n")
@@ -111,16 +111,16 @@ def test_a_bad_reading_is_left_out_by_name(folder, row, column, hint):
     assert len(data.readings) == 11
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "hint"),
-    [
-        ("2,1.0,0.0", "2,,0.0", "history"),
-        ("2,1.0,0.0", "2,-1.0,0.0", "zero or more"),
-        ("2,1.0,0.0", "1,1.0,0.0", "more than once"),
-        ("tension_t1", "tension_t7", "unknown column"),
-        ("force_x", "tension_t1", "more than once"),
-    ],
-)
+BAD_LOADING = [
+    ("2,1.0,0.0", "2,,0.0", "history"),
+    ("2,1.0,0.0", "2,-1.0,0.0", "zero or more"),
+    ("2,1.0,0.0", "1,1.0,0.0", "more than once"),
+    ("tension_t1", "tension_t7", "unknown column"),
+    ("force_x", "tension_t1", "more than once"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "hint"), BAD_LOADING)
 def test_a_bad_loading_sequence_is_refused(folder, old, new, hint):
     path = folder / "loading.csv"
     path.write_text(path.read_text().replace(old, new, 1))
@@ -128,16 +128,16 @@ def test_a_bad_loading_sequence_is_refused(folder, old, new, hint):
         read_measured(folder)
 
 
-@pytest.mark.parametrize(
-    ("name", "text", "words"),
-    [
-        ("robot.toml", None, "robot.toml"),
-        ("loading.csv", None, "loading.csv"),
-        ("observations.csv", None, "observations.csv"),
-        ("observations.csv", "step,quantity,location,value\n1,position_x,0.25,0.1\n", "sigma"),
-        ("observations.csv", "", "observations.csv"),
-    ],
-)
+WRONG_FILES = [
+    ("robot.toml", None, "robot.toml"),
+    ("loading.csv", None, "loading.csv"),
+    ("observations.csv", None, "observations.csv"),
+    ("observations.csv", "step,quantity,location,value\n1,position_x,0.25,0.1\n", "sigma"),
+    ("observations.csv", "", "observations.csv"),
+]
+
+
+@pytest.mark.parametrize(("name", "text", "words"), WRONG_FILES)
 def test_missing_files_and_columns_are_named(folder, name, text, words):
     (folder / name).unlink() if text is None else (folder / name).write_text(text)
     with pytest.raises(InputError, match=words):
@@ -228,15 +228,15 @@ def test_what_is_declared_is_part_of_the_declared_model_and_goes_through_the_fil
     assert contents(read_measured(tmp_path / "again")) == contents(declared)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("gravitas = { g_z = 1.0 }", "did you mean gravity"),
-        ("actuator_gain = { gain = -1.0 }", "must be a number .* from 0.05 to 20"),
-        ("marker_offset = { offset_z_marker_3 = 1e-3 }", "offset_z_marker_2"),
-        ("time_lag = { lag = 0.1 }", "time_lag needs a time in every step"),
-    ],
-)
+WRONG_EFFECTS = [
+    ("gravitas = { g_z = 1.0 }", "did you mean gravity"),
+    ("actuator_gain = { gain = -1.0 }", "must be a number .* from 0.05 to 20"),
+    ("marker_offset = { offset_z_marker_3 = 1e-3 }", "offset_z_marker_2"),
+    ("time_lag = { lag = 0.1 }", "time_lag needs a time in every step"),
+]
+
+
+@pytest.mark.parametrize(("text", "message"), WRONG_EFFECTS)
 def test_mistakes_are_named(data, tmp_path, text, message):
     with pytest.raises(InputError, match=f"(?s)model.toml.*{message}"):
         read_measured(with_effects_in(data, tmp_path / "set", text))
@@ -314,18 +314,18 @@ def test_blank_rows_comments_and_empty_columns_at_the_end_are_skipped(tmp_path):
     assert table.branch.tolist() == ["a,5", "1,2,3", "#3"]  # no numbers, no comment
 
 
-@pytest.mark.parametrize(
-    ("content", "key", "word"),
-    [
-        ("step;value\n1;0,5\n2;0.5\n", "line 2, value", "decimal: line 3, value has 0.5"),
-        ("step,value\n1,0,5\n", "line 2", "has 3 cells; the header has 2; where these are decimal commas"),
-        ("step,value,value\n1,2,3\n", "value", "the column appears more than once"),
-        ('step,value\n1,"2\n', "line 2", "not a table"),
-        ("", "", "is empty"),
-        (b"PK\x03\x04rest", "", "is an Excel workbook; save it as CSV"),
-        (b"step,branch\n1,gr\xfcn\n", "line 2", 'encoding: must be UTF-8; save as "CSV UTF-8"'),
-    ],
-)  # fmt: skip
+SEPARATORS = [
+    ("step;value\n1;0,5\n2;0.5\n", "line 2, value", "decimal: line 3, value has 0.5"),
+    ("step,value\n1,0,5\n", "line 2", "has 3 cells; the header has 2; where these are decimal commas"),
+    ("step,value,value\n1,2,3\n", "value", "the column appears more than once"),
+    ('step,value\n1,"2\n', "line 2", "not a table"),
+    ("", "", "is empty"),
+    (b"PK\x03\x04rest", "", "is an Excel workbook; save it as CSV"),
+    (b"step,branch\n1,gr\xfcn\n", "line 2", 'encoding: must be UTF-8; save as "CSV UTF-8"'),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("content", "key", "word"), SEPARATORS)
 def test_ambiguous_file_is_refused_with_a_word_for_the_reason(tmp_path, content, key, word):
     path = tmp_path / "t.csv"
     path.write_bytes(content if isinstance(content, bytes) else content.encode())

@@ -31,20 +31,20 @@ def test_angles_are_converted_both_ways(angle):
     assert number_of(f"{angle!r} deg", "deg") == angle
 
 
-@pytest.mark.parametrize(
-    ("text", "unit", "reason"),
-    [
-        ("250 N", "m", "N cannot be converted to m"),
-        ("250 MM", "m", "unknown unit MM; did you mean mm?"),
-        ("85 Gpa", "Pa", "did you mean GPa?"),
-        ("1,5 mm", "m", "write a decimal point"),
-        ("0.25", "m", "without quotes it is in m"),
-        ("mm", "m", "^$"),
-        ("1 m/", "m^2", "cannot be converted"),
-        ("1_000 mm", "m", "unknown unit"),
-        ("nan mm", "m", "^$"),
-    ],
-)
+WRONG_TEXTS = [
+    ("250 N", "m", "N cannot be converted to m"),
+    ("250 MM", "m", "unknown unit MM; did you mean mm?"),
+    ("85 Gpa", "Pa", "did you mean GPa?"),
+    ("1,5 mm", "m", "write a decimal point"),
+    ("0.25", "m", "without quotes it is in m"),
+    ("mm", "m", "^$"),
+    ("1 m/", "m^2", "cannot be converted"),
+    ("1_000 mm", "m", "unknown unit"),
+    ("nan mm", "m", "^$"),
+]
+
+
+@pytest.mark.parametrize(("text", "unit", "reason"), WRONG_TEXTS)
 def test_other_texts_are_refused_with_the_reason(text, unit, reason):
     with pytest.raises(UnitError, match=reason):
         number_of(text, unit)

@@ -14,21 +14,21 @@ from tdcr_fe.report.page import Card, Page, Picture, Section, render
 HERE = "tdcr_fe.report"
 
 
-@pytest.mark.parametrize(
-    ("value", "unit", "text"),
-    [
-        (0.0188, "m", "18.8 mm"),
-        (0.25, "m", "250 mm"),
-        (2.0e-7, "m", "200 nm"),
-        (-3.5e-6, "m", "−3.5 µm"),
-        (math.pi / 2.0, "rad", "90 deg"),
-        (107.0, "N", "107 N"),
-        (0.02, "kg", "20 g"),
-        (6.95, "m/s^2", "6.95 m/s²"),
-        (0.0, "m", "0 m"),
-        (math.nan, "m", "–"),
-    ],
-)
+SHOWN = [
+    (0.0188, "m", "18.8 mm"),
+    (0.25, "m", "250 mm"),
+    (2.0e-7, "m", "200 nm"),
+    (-3.5e-6, "m", "−3.5 µm"),
+    (math.pi / 2.0, "rad", "90 deg"),
+    (107.0, "N", "107 N"),
+    (0.02, "kg", "20 g"),
+    (6.95, "m/s^2", "6.95 m/s²"),
+    (0.0, "m", "0 m"),
+    (math.nan, "m", "–"),
+]
+
+
+@pytest.mark.parametrize(("value", "unit", "text"), SHOWN)
 def test_a_quantity_has_its_unit_and_prefix(value, unit, text):
     assert quantity(value, unit).replace("\N{NO-BREAK SPACE}", " ") == text
 

@@ -78,14 +78,14 @@ def test_the_scene_is_left_as_it_was():
 # ---------------------------------------------------------------- linear system
 
 
-@pytest.mark.parametrize(
-    ("mu", "presliding", "drive", "bent", "size"),
-    [
-        (0.0, 1e-6, "tensions", [1.0, 0.3, 0.2], 1e-3),
-        (0.0, 1e-6, "displacements", [4e-3, -1.5e-3, -1.9e-3], 1e-6),
-        (0.3, 1e-3, "tensions", [0.02, 0.005, 0.01], 1e-4),
-    ],
-)
+PULLS = [
+    (0.0, 1e-6, "tensions", [1.0, 0.3, 0.2], 1e-3),
+    (0.0, 1e-6, "displacements", [4e-3, -1.5e-3, -1.9e-3], 1e-6),
+    (0.3, 1e-3, "tensions", [0.02, 0.005, 0.01], 1e-4),
+]
+
+
+@pytest.mark.parametrize(("mu", "presliding", "drive", "bent", "size"), PULLS)
 def test_the_static_gain_is_what_statics_give(mu, presliding, drive, bent, size):
     """Change of the tip by a small change of each input: 1e-4 of the largest.
 

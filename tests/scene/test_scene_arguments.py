@@ -87,15 +87,15 @@ def test_a_tension_set_after_inputs_over_time_leaves_the_other_tendons_as_they_a
     assert [handle.tensions()[t][0] for t in ("t1", "t2", "t3")] == pytest.approx([0.3, 0.5, 0.1])
 
 
-@pytest.mark.parametrize(
-    ("values", "words"),
-    [
-        ([1.0], r"returned \[1.0\]; must be a list with one number for every tendon"),
-        ([0.1, -0.5, 0.1], r"returned -0.5 for tendon 't2'; must be finite, a tension >= 0"),
-        ([0.1, 0.1, float("nan")], "returned nan for tendon 't3'"),
-        ("fast", "must return a list with one number for every tendon"),
-    ],
-)
+WRONG_INPUTS = [
+    ([1.0], r"returned \[1.0\]; must be a list with one number for every tendon"),
+    ([0.1, -0.5, 0.1], r"returned -0.5 for tendon 't2'; must be finite, a tension >= 0"),
+    ([0.1, 0.1, float("nan")], "returned nan for tendon 't3'"),
+    ("fast", "must return a list with one number for every tendon"),
+]
+
+
+@pytest.mark.parametrize(("values", "words"), WRONG_INPUTS)
 @pytest.mark.parametrize("solver", ["SolveTDCR", "SolveStatic", "SolveDynamic"])
 def test_wrong_inputs_over_time_are_refused_by_every_solver(solver, values, words):
     """In version 0.1 one value acted on three tendons, and -0.5 N pushed."""
@@ -137,14 +137,14 @@ def test_a_system_is_built_again_after_a_reset_with_other_items_first():
             use()
 
 
-@pytest.mark.parametrize(
-    "use",
-    [
-        lambda mbs, handle: handle.set_tensions(INPUTS),
-        lambda mbs, handle: SolveTDCR(mbs),
-        lambda mbs, handle: mbs.SolveDynamic(recommended(handle, 2e-3, 1e-3)),
-    ],
-)
+USES = [
+    lambda mbs, handle: handle.set_tensions(INPUTS),
+    lambda mbs, handle: SolveTDCR(mbs),
+    lambda mbs, handle: mbs.SolveDynamic(recommended(handle, 2e-3, 1e-3)),
+]
+
+
+@pytest.mark.parametrize("use", USES)
 def test_items_deleted_before_those_of_a_robot_are_refused(use):
     _keep, mbs = system()
     ground = mbs.CreateGround(referencePosition=[1.0, 0.0, 0.0])

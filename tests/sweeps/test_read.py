@@ -33,40 +33,40 @@ def vary(key, rest, before=""):
     return f'{HEAD}{before}[[vary]]\nkey = "{key}"\n{rest}\n'
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("", "sweep.toml: scenario: missing"),
-        (SCENARIO, "sweep.toml: is the file of a scenario; give the sweep.toml that names it"),
-        ('scenario = "other.toml"', 'sweep.toml: scenario = "other.toml": there is no file'),
-        ('scenario = ".."', 'sweep.toml: scenario = "..": '),
-        (HEAD, "sweep.toml: vary: nothing is varied"),
-        (vary("backbone.raduis", ONE, "[sampling]\nmethod = 'gird'\n"), 'raduis": unknown key; did you mean radius'),
-        (vary("effects.gravity.g_q", ONE), 'key = "effects.gravity.g_q": unknown key; did you mean g_z'),
-        (vary("backbone.radius", "values = [1e-3, -1e-3]"), "values = -0.001: backbone.radius: must be a positive"),
-        (vary("model.friction", 'values = ["none", "coulomb"]'), 'values = "coulomb": model.friction: must be "none"'),
-        (vary("tip_mass", ""), "must have exactly one of values, range"),
-        (vary("tip_mass", "uniform = { lower = 1.0, upper = 0.5 }"), "lower must be below upper"),
-        (vary("tip_mass", UNIFORM), 'vary[0] = "tip_mass": a distribution needs sampling.method = "latin-hypercube"'),
-        (vary("tip_mass", UNIFORM, f"{SOBOL}samples = 100\n"), "sampling.samples = 100: must be a power of two"),
-        (HEAD + SOBOL, "sweep.toml: sampling.samples: missing"),
-        (HEAD + "[sampling]\nsamples = 4", 'sweep.toml: sampling.samples = 4: only for method = "latin'),
-        (vary("tendons.friction_coefficient", "normal = { mean = 0.05, std = 0.05 }", f"{SOBOL}samples = 64\n"),
-            "bounds (lower, upper) leave such values out"),
-        (vary("backbone.density", 'mode = "factor"\nvalues = [1.1]'), 'mode = "factor" needs a number there'),
-        (vary("tip_mass", f"{ONE}\n[[vary]]\nkey = 'tip_mass'\n{ONE}"), 'vary = "tip_mass": is varied twice'),
-        (vary("tip_mass", "name = 'tip_x'\nvalues = [0.0]"), 'vary = "tip_x": is the name of another column'),
-        (vary("tip_mass", f"values = [0, 1]\n[[vary]]\nkey = 'backbone.density'\n{ONE}", LIST),
-            'method = "list" needs as many values of each; there are 2 of tip_mass, 1 of backbone.density'),
-        (vary("tip_mass", f"{MANY}\n[[vary]]\nkey = 'backbone.density'\n{MANY}"),
-            'sampling.method = "grid": gives 4000000 cases; must be at most 1000000'),
-        (HEAD + '[output]\nquantities = ["tipx"]', 'output.quantities[0] = "tipx": unknown; did you mean tip_x'),
-        (HEAD + "[output]\nsteps = [2]", 'sweep.toml: output.steps = [2]: must be "last", "all", or'),
-        (HEAD + "[workspace]\nlargest = 2.0", "sweep.toml: workspace.count: missing"),
-        (HEAD + "[workspace]\nlargest = { t1 = 2.0, t9 = 1.0 }\ncount = 3", "t9 = 1.0}: unknown tendon t9"),
-        (vary("robot", 'values = ["robot.toml"]'), 'vary[0].key = "robot": unknown key; must begin with one of'),
-    ],
-)  # fmt: skip
+WRONG_FILES = [
+    ("", "sweep.toml: scenario: missing"),
+    (SCENARIO, "sweep.toml: is the file of a scenario; give the sweep.toml that names it"),
+    ('scenario = "other.toml"', 'sweep.toml: scenario = "other.toml": there is no file'),
+    ('scenario = ".."', 'sweep.toml: scenario = "..": '),
+    (HEAD, "sweep.toml: vary: nothing is varied"),
+    (vary("backbone.raduis", ONE, "[sampling]\nmethod = 'gird'\n"), 'raduis": unknown key; did you mean radius'),
+    (vary("effects.gravity.g_q", ONE), 'key = "effects.gravity.g_q": unknown key; did you mean g_z'),
+    (vary("backbone.radius", "values = [1e-3, -1e-3]"), "values = -0.001: backbone.radius: must be a positive"),
+    (vary("model.friction", 'values = ["none", "coulomb"]'), 'values = "coulomb": model.friction: must be "none"'),
+    (vary("tip_mass", ""), "must have exactly one of values, range"),
+    (vary("tip_mass", "uniform = { lower = 1.0, upper = 0.5 }"), "lower must be below upper"),
+    (vary("tip_mass", UNIFORM), 'vary[0] = "tip_mass": a distribution needs sampling.method = "latin-hypercube"'),
+    (vary("tip_mass", UNIFORM, f"{SOBOL}samples = 100\n"), "sampling.samples = 100: must be a power of two"),
+    (HEAD + SOBOL, "sweep.toml: sampling.samples: missing"),
+    (HEAD + "[sampling]\nsamples = 4", 'sweep.toml: sampling.samples = 4: only for method = "latin'),
+    (vary("tendons.friction_coefficient", "normal = { mean = 0.05, std = 0.05 }", f"{SOBOL}samples = 64\n"),
+        "bounds (lower, upper) leave such values out"),
+    (vary("backbone.density", 'mode = "factor"\nvalues = [1.1]'), 'mode = "factor" needs a number there'),
+    (vary("tip_mass", f"{ONE}\n[[vary]]\nkey = 'tip_mass'\n{ONE}"), 'vary = "tip_mass": is varied twice'),
+    (vary("tip_mass", "name = 'tip_x'\nvalues = [0.0]"), 'vary = "tip_x": is the name of another column'),
+    (vary("tip_mass", f"values = [0, 1]\n[[vary]]\nkey = 'backbone.density'\n{ONE}", LIST),
+        'method = "list" needs as many values of each; there are 2 of tip_mass, 1 of backbone.density'),
+    (vary("tip_mass", f"{MANY}\n[[vary]]\nkey = 'backbone.density'\n{MANY}"),
+        'sampling.method = "grid": gives 4000000 cases; must be at most 1000000'),
+    (HEAD + '[output]\nquantities = ["tipx"]', 'output.quantities[0] = "tipx": unknown; did you mean tip_x'),
+    (HEAD + "[output]\nsteps = [2]", 'sweep.toml: output.steps = [2]: must be "last", "all", or'),
+    (HEAD + "[workspace]\nlargest = 2.0", "sweep.toml: workspace.count: missing"),
+    (HEAD + "[workspace]\nlargest = { t1 = 2.0, t9 = 1.0 }\ncount = 3", "t9 = 1.0}: unknown tendon t9"),
+    (vary("robot", 'values = ["robot.toml"]'), 'vary[0].key = "robot": unknown key; must begin with one of'),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "expected"), WRONG_FILES)
 def test_a_mistake_is_named(tmp_path, text, expected):
     found = problems_of(tmp_path, text)
     assert any(expected in line for line in found), found
@@ -164,25 +164,25 @@ def with_value(key, value, tables=TABLES):
     return set_value(tables, parse_key(key), lambda declared: value)
 
 
-@pytest.mark.parametrize(
-    ("key", "value", "get"),
-    [
-        ("backbone.radius", 0.5e-3, lambda s: s.robot.backbone.radius),
-        ("backbone.precurvature[1]", 2.0, lambda s: s.robot.backbone.precurvature[1]),
-        ("tip_mass", 0.01, lambda s: s.robot.tip_mass),
-        ("tendons.t2.friction_coefficient", 0.3, lambda s: s.robot.tendons[1].friction_coefficient),
-        ("tendons.friction_coefficient", 0.4, lambda s: s.robot.tendons[0].friction_coefficient),
-        ("tendons.friction_coefficient", 0.4, lambda s: s.robot.tendons[1].friction_coefficient),
-        ("tendons[1].offset", 4e-3, lambda s: s.robot.tendons[1].routing.offset),
-        ('tendons."t1".angle_deg', 10.0, lambda s: s.robot.tendons[0].routing.angle_deg),
-        ("model.gravity[2]", -9.81, lambda s: s.model.gravity[2]),
-        ("model.friction", "none", lambda s: s.model.friction),
-        ("solver.max_iterations", 30, lambda s: s.settings.max_iterations),
-        ("steps[0].tensions.t2", 0.7, lambda s: s.steps[0].tensions.get("t2")),
-        ("steps[-1].tensions.t1", 0.8, lambda s: s.steps[0].tensions["t1"]),
-        ("effects.gravity.g_z", -9.0, lambda s: s.model.gravity[2]),
-    ],
-)
+KEYS = [
+    ("backbone.radius", 0.5e-3, lambda s: s.robot.backbone.radius),
+    ("backbone.precurvature[1]", 2.0, lambda s: s.robot.backbone.precurvature[1]),
+    ("tip_mass", 0.01, lambda s: s.robot.tip_mass),
+    ("tendons.t2.friction_coefficient", 0.3, lambda s: s.robot.tendons[1].friction_coefficient),
+    ("tendons.friction_coefficient", 0.4, lambda s: s.robot.tendons[0].friction_coefficient),
+    ("tendons.friction_coefficient", 0.4, lambda s: s.robot.tendons[1].friction_coefficient),
+    ("tendons[1].offset", 4e-3, lambda s: s.robot.tendons[1].routing.offset),
+    ('tendons."t1".angle_deg', 10.0, lambda s: s.robot.tendons[0].routing.angle_deg),
+    ("model.gravity[2]", -9.81, lambda s: s.model.gravity[2]),
+    ("model.friction", "none", lambda s: s.model.friction),
+    ("solver.max_iterations", 30, lambda s: s.settings.max_iterations),
+    ("steps[0].tensions.t2", 0.7, lambda s: s.steps[0].tensions.get("t2")),
+    ("steps[-1].tensions.t1", 0.8, lambda s: s.steps[0].tensions["t1"]),
+    ("effects.gravity.g_z", -9.0, lambda s: s.model.gravity[2]),
+]
+
+
+@pytest.mark.parametrize(("key", "value", "get"), KEYS)
 def test_a_key_sets_the_value_and_leaves_the_given_tables(key, value, get):
     before = build_scenario(TABLES)
     assert get(build_scenario(with_value(key, value))) == value
@@ -199,20 +199,20 @@ def test_a_key_without_a_number_means_the_steps_that_have_it():
     assert [s.tensions for s in build_scenario(last).steps] == [{"t1": 1.0}, {"t2": 1.0}, {"t1": 3.0}]
 
 
-@pytest.mark.parametrize(
-    ("key", "text"),
-    [
-        ("backbon.radius", "did you mean backbone"),
-        ("", "dotted key"),
-        ("backbone..radius", "dotted key"),
-        ("[0].radius", "dotted key"),
-        ("steps[1].tensions.t1", r"there are 1 steps; must be from steps\[0\] to steps\[0\]"),
-        ("steps.tensions.t2", r"no load step has tensions.t2; steps\[0\].tensions.t2 sets it"),
-        ("tendons.t3.offset", 'there is no tendon "t3"; there are t1, t2'),
-        ("backbone.radius.base", "backbone.radius is not a table"),
-        ("backbone.radius[0]", "backbone.radius is not a list"),
-    ],
-)
+WRONG_KEYS = [
+    ("backbon.radius", "did you mean backbone"),
+    ("", "dotted key"),
+    ("backbone..radius", "dotted key"),
+    ("[0].radius", "dotted key"),
+    ("steps[1].tensions.t1", r"there are 1 steps; must be from steps\[0\] to steps\[0\]"),
+    ("steps.tensions.t2", r"no load step has tensions.t2; steps\[0\].tensions.t2 sets it"),
+    ("tendons.t3.offset", 'there is no tendon "t3"; there are t1, t2'),
+    ("backbone.radius.base", "backbone.radius is not a table"),
+    ("backbone.radius[0]", "backbone.radius is not a list"),
+]
+
+
+@pytest.mark.parametrize(("key", "text"), WRONG_KEYS)
 def test_what_is_no_key_of_the_files_is_refused(key, text):
     with pytest.raises(KeyProblem, match=text):
         with_value(key, 1.0)

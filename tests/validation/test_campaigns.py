@@ -61,16 +61,16 @@ def test_a_long_value_is_shortened_in_its_message():
 # ------------------------------------------------------------ faulty data
 
 
-@pytest.mark.parametrize(
-    ("verdict", "effects", "said", "outcome"),
-    [
-        ("cannot tell", [], "The readings of a marker at s = 0.1 m jump.", "named"),
-        ("cannot tell", [], "nothing", "cannot tell"),
-        ("explained", ["gravity"], "nothing", "explained otherwise"),
-        ("unexplained", [], "nothing", "not explained"),
-        ("nothing missing", [], "a marker at s = 0.1 m", "nothing missing"),
-    ],
-)
+JUDGED = [
+    ("cannot tell", [], "The readings of a marker at s = 0.1 m jump.", "named"),
+    ("cannot tell", [], "nothing", "cannot tell"),
+    ("explained", ["gravity"], "nothing", "explained otherwise"),
+    ("unexplained", [], "nothing", "not explained"),
+    ("nothing missing", [], "a marker at s = 0.1 m", "nothing missing"),
+]
+
+
+@pytest.mark.parametrize(("verdict", "effects", "said", "outcome"), JUDGED)
 def test_a_fault_must_be_named_or_left_open(tmp_path, verdict, effects, said, outcome):
     fault = next(f for f in FAULTS if f.name == "marker slips in the middle")
     result = {"verdict": verdict, "effects": [{"effect": e} for e in effects]}
@@ -142,18 +142,18 @@ def test_the_command_prints_and_writes_what_each_takes_away(tmp_path, capsys):
 STORED = Path(__file__).parents[1] / "net"
 
 
-@pytest.mark.parametrize(
-    ("part", "key"),
-    [
-        ("robots", "18"),
-        ("robots", "40"),
-        ("cases", "converging_straight_per-hole_gravity_10"),
-        ("scenes", "ball"),
-        ("scenes", "swing"),
-        ("derivatives", "tension, per hole: friction_coefficient.mu"),
-        ("files", "120"),
-    ],
-)
+PARTS = [
+    ("robots", "18"),
+    ("robots", "40"),
+    ("cases", "converging_straight_per-hole_gravity_10"),
+    ("scenes", "ball"),
+    ("scenes", "swing"),
+    ("derivatives", "tension, per hole: friction_coefficient.mu"),
+    ("files", "120"),
+]
+
+
+@pytest.mark.parametrize(("part", "key"), PARTS)
 def test_a_case_is_the_stored_one(part: str, key: str, tmp_path: Path) -> None:
     """The whole net is compared by ``python -m tdcr_fe.validation net``."""
     found = CAMPAIGN.run(Case(part, key, STORED), tmp_path)

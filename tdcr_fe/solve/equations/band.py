@@ -37,12 +37,12 @@ class BandParts(NamedTuple):
     """Where the parts of the tangent lie in a band; all are views of `data`."""
 
     data: Array  # The band, column by column
-    itself: Array  # (N, 6, 6): Every node by itself
-    after: Array  # (N-1, 6, 6): Every node by the next one, the next one by it
-    before: Array  # as `after`
-    disk: Array  # (n+1, 6, 6): Every node with holes by itself
-    next_disk: Array  # (n, 6, 6): Every node with holes by the next one, the next one by it
-    previous_disk: Array  # as `next_disk`
+    itself: Array  # (N, 6, 6): Forces on every node by its own motion
+    after: Array  # (N-1, 6, 6): Forces on every node by the motion of the next one
+    before: Array  # (N-1, 6, 6): Forces on the next node by the motion of this one
+    disk: Array  # (n+1, 6, 6): Forces on every node with holes by its own motion
+    next_disk: Array  # (n, 6, 6): Forces on every node with holes by the motion of the next such node
+    previous_disk: Array  # (n, 6, 6): Forces on the next node with holes by the motion of this one
     pulled: Array  # (n, 2, 6, m): Both ends of every segment by its tension
     tensions: Array  # (N, m): Tensions by themselves
     turned: Array  # (n-1, m, 3, 6): Transfer at the holes by the nodes before, at and behind them
@@ -53,10 +53,10 @@ class BandParts(NamedTuple):
 class BandLayout:
     """Order of the unknowns in the band."""
 
-    nodes: int  # Numbers of nodes, of tendons, and of segments of the longest tendon
-    tendons: int  # as `nodes`
-    segments: int  # as `nodes`
-    spacing: int  # From one node with holes to the next
+    nodes: int  # Number of nodes
+    tendons: int  # Number of tendons
+    segments: int  # Number of segments of the longest tendon
+    spacing: int  # Number of nodes from one with holes to the next
 
     @classmethod
     def of(cls, robot: TendonActuation) -> BandLayout | None:
@@ -133,7 +133,7 @@ class BandLayout:
         backbone
             Tangent of the backbone.
         forces
-            Of the tendons; they must have derivatives hole by hole.
+            Forces of the tendons, with derivatives hole by hole.
         clamped
             Whether the base is clamped: its equations become zero increments.
         """

@@ -84,9 +84,9 @@ class BodyFrameReduction:
 class Unknowns(NamedTuple):
     """The independent unknowns of a configuration; small, and can be pickled."""
 
-    # Of the scene, as in Exudyn; those of its nodes alone of a robot that is solved by itself
+    # Coordinates of the scene, as in Exudyn; for a robot that is solved by itself those of its nodes alone
     coordinates: Array
-    multipliers: Array  # as `coordinates`
+    multipliers: Array  # Reactions of the joints (Lagrange multipliers), as in Exudyn
     twists: tuple[Array, ...]  # By robot, relative twists of the elements, length times strain, shape (E, 6)
     bases: tuple[Array, ...]  # By robot, pose of the base node, shape (4, 4)
 
@@ -265,7 +265,7 @@ class ConfigurationSpace:
 class SolverState(NamedTuple):
     """The complete state at the beginning of a step. Its arrays are never changed."""
 
-    configuration: Configuration  # Of the whole scene
+    configuration: Configuration  # Configuration of the whole scene
     base_tension: ByRobot  # (m,): By robot, tension of every tendon at the base [N]
     # (m, g): By robot, mobilisation of the friction in [-1, 1]; in a solved state that of `friction`
     mobilisation: ByRobot
@@ -273,7 +273,7 @@ class SolverState(NamedTuple):
     prescribed: ByRobot  # (m,): By robot, prescribed displacement [m], nan of tendons driven by tension
     # (6,): Concentrated loads that acted, force [N] and moment [N m] in their own frames
     loads: tuple[Array, ...] = ()
-    time: float = 0.0  # At which it was solved [s]
+    time: float = 0.0  # Time for which it was solved [s]
     # Sign of the determinant of the last tangent, 0 where it is unknown or unrelated to stability
     tangent_sign: int = 0
 
@@ -297,9 +297,9 @@ class SolverState(NamedTuple):
 class StoredState:
     """A solved state reduced to its unknowns; small, and can be pickled."""
 
-    unknowns: Unknowns  # Of the configuration
-    base_tension: ByRobot  # As in `SolverState`
-    mobilisation: ByRobot  # as `base_tension`
+    unknowns: Unknowns  # Unknowns of the configuration
+    base_tension: ByRobot  # See `SolverState`
+    mobilisation: ByRobot  # See `SolverState`
 
     def on_mesh(self, before: Array, arc_lengths: Array) -> StoredState:
         """The state of a robot alone in its scene on another mesh, with the same strains.
@@ -307,7 +307,7 @@ class StoredState:
         Parameters
         ----------
         before, arc_lengths
-            Of the nodes of its own and of the other mesh [m], shapes (N,) and (N',).
+            Arc lengths of the nodes of its own and of the other mesh [m], shapes (N,) and (N',).
         """
         old = self.unknowns
         # The sum of the twists from the base on is linear in the arc length within each element.

@@ -44,7 +44,7 @@ class GeneralSpheres(NamedTuple):
 
     @classmethod
     def of(cls, contact: Any) -> GeneralSpheres:
-        """Those of a general contact."""
+        """The spheres of a general contact."""
         about = contact.GetPythonObject()
         if about["numberOfANCFCable2D"]:
             raise ValueError("GeneralContact with ANCF cables is not solved by the quasi-static solver")
@@ -84,7 +84,7 @@ class GeneralSpheres(NamedTuple):
 
 
 def general_spheres(mbs: exu.MainSystem) -> list[GeneralSpheres]:
-    """Those of every ``GeneralContact`` of a system."""
+    """The spheres of every ``GeneralContact`` of a system."""
     return [GeneralSpheres.of(mbs.GetGeneralContact(k)) for k in range(mbs.NumberOfGeneralContacts())]
 
 
@@ -167,7 +167,7 @@ class ContactStates:
     own_data
         Numbers of the data coordinates that belong to robots.
     settings
-        Of Exudyn's solvers.
+        Settings of Exudyn's solvers.
 
     Attributes
     ----------

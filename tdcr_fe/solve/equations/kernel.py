@@ -40,7 +40,7 @@ class StaticKernel:
     mbs
         An assembled system.
     hooks
-        Of the system.
+        Hooks of the system.
 
     Attributes
     ----------
@@ -139,7 +139,7 @@ class LoneRobot:
     Parameters
     ----------
     kernel
-        Of the scene.
+        Kernel of the scene.
     mbs
         The scene.
     robot
@@ -212,7 +212,7 @@ class ClampReactions(NamedTuple):
 
     @classmethod
     def of(cls, mbs: exu.MainSystem, layout: SceneLayout) -> ClampReactions:
-        """Those of the current configuration, from the forces that each multiplier of a joint alone causes."""
+        """Reactions in the current configuration, from the forces that each multiplier of a joint alone causes."""
         influence: dict[int, Array] = {}
         multipliers: Array = mbs.systemData.GetAECoordinates(exu.ConfigurationType.Current, copy=False)
         kept = multipliers.copy()
@@ -230,7 +230,7 @@ class ClampReactions(NamedTuple):
         return cls(layout.clamps, influence)
 
     def alone(self, i: int) -> ClampReactions:
-        """Those of one robot by itself."""
+        """Reactions of one robot by itself."""
         return ClampReactions({0: np.arange(6)}, {0: self.influence[i]})
 
     def balance(self, residual: Residual) -> Configuration:

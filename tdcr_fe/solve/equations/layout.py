@@ -51,11 +51,12 @@ def buckling_shortening(robot: TendonActuation) -> Array:
 class ResidualScales:
     """Scales of the residuals."""
 
-    # By unknown: forces by one, moments by a lever of a fiftieth of the length, gaps in joints by the length
+    # Factor of every residual: one of forces, one over a lever (a fiftieth of the length) of moments, one over the
+    # length of gaps in joints
     weights: Array
     nodes: int  # Number of beam nodes
     forces: int  # Number of unknowns whose residual is a force or moment; gaps follow
-    length: float  # Of the longest backbone [m]
+    length: float  # Length of the longest backbone [m]
     # EI / L^2 of the softest robot, the smallest scale of forces [N]; a base that gives way is no part of it
     elastic_force: float
 
@@ -97,9 +98,9 @@ class ResidualScales:
         Parameters
         ----------
         forces
-            Of the robot.
+            Forces of the tendons of the robot.
         displacement
-            Of every tendon [m], shape (m,).
+            Displacement of every tendon [m], shape (m,).
         which
             The tendons whose displacement is prescribed.
         """
@@ -116,12 +117,14 @@ class ResidualScales:
 class RobotUnknowns(NamedTuple):
     """Positions of one robot's unknowns."""
 
-    robot: int  # Its number
+    robot: int  # Number of the robot
     nodes: slice  # Body-frame increments of its nodes
-    driven: Index  # Its tendons whose displacement is prescribed
-    tensions: slice  # Their tensions at the base
+    # Numbers of its tendons whose length wound is prescribed (displacement or motor angle), so that their tension at
+    # the base is unknown; `Numbering.at_driven` and its like pick these
+    driven: Index
+    tensions: slice  # Tensions at the base of these tendons
     frictional: Flags  # (m, g): Which of its mobilisations are unknowns
-    mobilisations: slice  # Where these are
+    mobilisations: slice  # Mobilisations that are unknowns
     clamped: bool  # Whether its base is clamped to ground
 
 
@@ -140,7 +143,7 @@ class Numbering(NamedTuple):
         Parameters
         ----------
         layout
-            Of the scene.
+            Layout of the scene.
         winds
             By robot, whose displacement is prescribed, shape (m,).
         with_friction
@@ -301,14 +304,17 @@ class SceneLayout:
         )
 
     def only_robots_resist(self, loads: Sequence[Array]) -> bool:
-        """Whether nothing else resists motion: no other objects, and no loads that turn, of concentrated ones (6,)."""
+        """Whether only robots resist motion: no other objects do, and no load turns with a body.
+
+        ``loads``: force and moment of every concentrated load, shape (6,) each.
+        """
         if not self.no_others or self.others_turn:
             return False
         # A moment of zero does not turn.
         return not self.turning.any() or not np.array(loads)[self.turning].any()
 
     def alone(self, i: int) -> SceneLayout:
-        """That of one robot, which nothing couples with the others and no load turns with; all else stays as it is."""
+        """The layout of one robot that nothing couples with the others and no load turns with; the rest stays."""
         mbs, robots, joint = self.space.mbs, [self.space.robots[i]], self.clamps[i]
         reduction = BodyFrameReduction(mbs, robots[0].coordinates, np.arange(self.reduction.size))
         return replace(

@@ -23,7 +23,7 @@ from tdcr_fe.solve.equations.layout import Numbering, zero_bases
 class DenseFactors(NamedTuple):
     """LU factors of a full matrix."""
 
-    lu: Array  # Of the transposed matrix
+    lu: Array  # Factors L and U of the transposed matrix
     pivots: Index
 
     @classmethod
@@ -59,14 +59,14 @@ class BorderedFactors(NamedTuple):
     tendons takes the factors of a small matrix only.
     """
 
-    inner: Factors  # Of ``K``, at fixed tensions
+    inner: Factors  # Factors of ``K``, the tangent at fixed tensions
     columns: Array  # (n, k): ``K^-1 C``
     rows: Array  # (k, n): ``R``: change of the displacements at the base [m]
     # (k, k): ``D - R K^-1 C``: change of these displacements by the tensions, with the robot in equilibrium
     # [m/N]
     schur: Array
-    slack: Flags  # (k,)
-    border: DenseFactors  # Of ``schur`` with the rows of slack tendons replaced
+    slack: Flags  # (k,): Which of these tendons are slack
+    border: DenseFactors  # Factors of ``schur`` with the rows of slack tendons replaced
 
     @classmethod
     def of(cls, inner: Factors, residual: Residual, numbering: Numbering) -> BorderedFactors:
@@ -151,9 +151,9 @@ class SolvedStep(NamedTuple):
     """A solved step in which nothing but the inputs of tendons changed, and friction kept its state."""
 
     loading: Array  # Change of the inputs of all tendons [N, m]
-    start: Array  # Unknowns at its ends, see `unknowns`
-    end: Array  # as `start`
-    slope: Array | None  # Their derivative at its start, times its length; None where it is unknown
+    start: Array  # Unknowns at its start, see `unknowns`
+    end: Array  # Unknowns at its end
+    slope: Array | None  # Derivative of the unknowns at its start, times its length; None where it is unknown
 
     @classmethod
     def of(
@@ -177,7 +177,7 @@ class SolvedStep(NamedTuple):
         Parameters
         ----------
         length
-            Of this step over that of the further one [1].
+            Length of this step over that of the further one [1].
         slope
             Linear change of the unknowns in the further one.
         """
@@ -218,10 +218,11 @@ def _friction_kept(before: SolverState, after: SolverState) -> bool:
 class Linearization(NamedTuple):
     """Equilibrium at fixed friction, linearised and factorised."""
 
-    factorisation: Factors  # Of the tangent; `BorderedFactors` where any tendon has a prescribed displacement
+    # Factors of the tangent; `BorderedFactors` where any tendon has a prescribed displacement
+    factorisation: Factors
     chains: tuple[ElementChain, ...]  # The elements in whose frames its steps are
-    numbering: Numbering  # Of the unknowns
-    forces: tuple[TendonForces, ...]  # By robot, where it was linearised
+    numbering: Numbering  # Order of the unknowns
+    forces: tuple[TendonForces, ...]  # By robot, forces in the state in which it was linearised
     solved: SolvedStep | None = None  # The step that ended here, where the next one may be predicted from it
 
     @property
@@ -307,13 +308,13 @@ def backbone_tangent(
     Parameters
     ----------
     residual
-        Of a state.
+        Residual of a state.
     robot, nodes
         Its number, and its nodes among those of all robots.
     damping
         See `damping_of_node`, shape (6,).
     mesh
-        Of the only robot, where nothing else resists.
+        Mesh of the only robot, where nothing else resists.
     """
     configuration = residual.state.configuration
     wrenches = residual.unbalanced[6 * nodes.start : 6 * nodes.stop]

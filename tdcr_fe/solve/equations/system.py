@@ -82,8 +82,8 @@ class SceneSystem:
     def independent(self) -> list[SceneSystem]:
         """Systems of robots that nothing couples, each to be solved by itself; this one where there are none.
 
-        Nothing but robots is in the scene, their bases are clamped, and no load turns or is set by a function of the
-        user in a load step to the loads that are set.
+        Robots can be solved one by one where the scene has nothing but robots with clamped bases, no load turns with
+        the robot, and no user function acts on the scene within a load step.
         """
         robots, layout = len(self.robots), self.layout
         users = any(map(self.hooks.user_function, ("PreNewtonResidual", "PreStep", "SystemJacobian")))
@@ -131,10 +131,11 @@ class SceneSystem:
         )
 
     def with_reactions(self, state: SolverState) -> SolverState:
-        """A state with multipliers of its joints as statics have them: nothing else holds a pendulum.
+        """A state whose joint reactions (Lagrange multipliers) are those of statics.
 
+        They stiffen the tangent: without them a body that hangs from a joint, such as a pendulum, would move freely.
         Those of Exudyn's dynamic solver have the other sign. In a scene that was never solved, they are those of the
-        smallest step of Newton's method, since without them something may move freely.
+        smallest step of Newton's method.
         """
         joints, old = self.layout.reduction.other_multipliers, state.configuration.unknowns
         if not len(joints):
@@ -228,7 +229,7 @@ class SceneSystem:
         target
             Inputs and time; loads are those already in the scene.
         numbering
-            Of the unknowns.
+            Numbering of the unknowns.
         iteration
             Number of the iteration, passed to the user's ``PreNewtonResidual`` function.
         hold_contact
@@ -349,9 +350,9 @@ class SceneSystem:
         residual
             The last one evaluated, whose state is in the scene.
         numbering
-            Of the unknowns.
+            Numbering of the unknowns.
         damping
-            Of nodes and other coordinates of the scene, for pseudo-transient continuation [N m].
+            Damping of nodes and other coordinates of the scene, for pseudo-transient continuation [N m].
 
         Raises
         ------

@@ -63,15 +63,14 @@ class PathSegments(NamedTuple):
     Unknowns are those of `tdcr_fe.solve.friction_path.rates`; load factors are those within the substep, 0 to 1.
     """
 
-    start: Array  # (p,): Load factor where it begins, and by how much it grows in it [1]
-    length: Array  # as `start`
-    unknowns: Array  # (p, n): Where it begins
+    start: Array  # (p,): Load factor where a path segment begins [1]
+    length: Array  # (p,): By how much the load factor grows in it [1]
+    unknowns: Array  # (p, n): Unknowns where it begins [1, N]
     side: Array  # (p, n): 1 or -1 where an unknown stays at its bound, 0 where it is free
-    rate: Array  # (p, n): Of the unknowns [1, N]
-    complement: Array  # (p, n): Of their complements [m]
-    # (p, q): Tensions of the segments where it begins, and their derivative by the load factor [N]
-    tension: Array
-    tension_rate: Array  # as `tension`
+    rate: Array  # (p, n): Rates of the unknowns [1, N]
+    complement: Array  # (p, n): Rates of their complements [m]
+    tension: Array  # (p, q): Tensions of the segments of the tendons where it begins [N]
+    tension_rate: Array  # (p, q): Their derivatives by the load factor [N]
 
     def first(self, count: int) -> PathSegments:
         """The first ones of them."""
@@ -99,7 +98,7 @@ def along_segment(
     length
         Change of the load factor from its beginning on [1].
     bounds
-        Of the unknowns.
+        Bounds of the unknowns.
 
     Returns
     -------
@@ -107,7 +106,7 @@ def along_segment(
         Load factor there [1].
     unknowns : ndarray, shape (n,)
     tension : ndarray, shape (q,)
-        Of the segments [N].
+        Tension of the segments [N].
     """
     moved = path.unknowns[i] + length * path.rate[i]
     unknowns = np.minimum(np.maximum(moved, bounds.lower), bounds.upper)
@@ -137,7 +136,7 @@ class FrictionPath(NamedTuple):
     reversal_factor: Array
     complete: bool  # Whether the end of the substep was reached
     segments: PathSegments
-    bounds: PathUnknowns  # Of the unknowns
+    bounds: PathUnknowns  # Bounds of the unknowns
 
     @property
     def reversed(self) -> Flags:
@@ -228,7 +227,7 @@ def fraction_inside(unclipped: Array, start: Array, bounds: PathUnknowns) -> flo
     """Fraction of a path segment over which unknowns that begin it at given values are inside their bounds [1]."""
     moved = unclipped - start
     room = np.where(moved > 0.0, bounds.upper, bounds.lower) - start
-    # Those that begin at a bound cannot come to it.
+    # Unknowns that begin at a bound cannot come to it.
     return smallest(np.where((np.abs(moved) > np.abs(room)) & (room != 0.0), room / moved, 1.0))
 
 
@@ -263,7 +262,7 @@ def projected(
     state
         Slips there, newly evaluated.
     unknowns
-        Of the path.
+        Unknowns of the path.
 
     Returns
     -------
@@ -322,11 +321,11 @@ def follow_friction(
     slips
         In the substep.
     mobilisation
-        Of the frictional holes at its start [1], shape (k,).
+        Mobilisation of the frictional holes at its start [1], shape (k,).
     base_tension
         Tensions at the base there of tendons driven by displacement [N], shape (c,).
     tension
-        Of the segments there [N], shape (q,).
+        Tension of the segments there [N], shape (q,).
     """
     unknowns = PathUnknowns.of(slips.elastic_slip[: len(mobilisation)], base_tension, tension)
     z = np.append(mobilisation, base_tension)

@@ -58,14 +58,14 @@ class PathUnknowns(NamedTuple):
     # reversal that was not foreseen is left as it is [m]
     tolerance: float
     scale: Array  # (n,): From the unknowns to lengths [m, m/N]
-    lower: Array  # (n,): Bounds: -1 and 1 of mobilisations [1]; 0 and infinity of tensions [N]
-    upper: Array  # as `lower`
-    near_lower: Array  # (n,): Values beyond which an unknown counts as at its bound: round-off away from it
-    near_upper: Array  # as `near_lower`
+    lower: Array  # (n,): Lower bound: -1 of mobilisations [1], 0 of tensions [N]
+    upper: Array  # (n,): Upper bound: 1 of mobilisations [1], infinity of tensions [N]
+    near_lower: Array  # (n,): Below this value an unknown counts as at its lower bound: round-off above it
+    near_upper: Array  # (n,): Above this value it counts as at its upper bound
 
     @classmethod
     def of(cls, presliding: Array, base_tension: Array, tension: Array) -> PathUnknowns:
-        """Those of a substep.
+        """The unknowns of a substep.
 
         Parameters
         ----------
@@ -74,7 +74,7 @@ class PathUnknowns(NamedTuple):
         base_tension
             Unknown tensions at the base at its start [N], shape (c,).
         tension
-            Of the segments there [N], shape (q,).
+            Tension of the segments there [N], shape (q,).
         """
         one, least = np.ones_like(presliding), float(presliding.min())
         size = np.append(one, np.full_like(base_tension, base_tension.max(initial=1.0)))
@@ -181,13 +181,14 @@ def solve_rates(derivatives: SlipDerivatives, side: Array, slack: Array, unknown
     Parameters
     ----------
     derivatives
-        Of the slips at this load factor.
+        Derivatives of the slips at this load factor.
     side
         At which bounds the unknowns are, see `sides`, shape (n,).
     slack
-        Of the tendons driven by displacement [m], shape (c,): those that have any stay at their bounds in any case.
+        Slack of the tendons driven by displacement [m], shape (c,): those that have any stay at their bounds in any
+        case.
     unknowns
-        Of the path.
+        Unknowns of the path.
     """
     count, load = len(side), derivatives.by_load
     active, back, pivoted = side, np.zeros(count), False
@@ -204,7 +205,7 @@ def solve_rates(derivatives: SlipDerivatives, side: Array, slack: Array, unknown
         if slack.size:
             violated[unknowns.holes :] &= kept
         if pivoted:
-            # Those that left their bounds must move inward.
+            # Unknowns that left their bounds must move inward.
             outward = side * unknowns.scale * rate > unknowns.tolerance
             violated |= outward
             back = np.where(outward, side, 0.0)
@@ -229,9 +230,9 @@ def distance_to_event(rates: Rates, z: Array, slack: Array, unknowns: PathUnknow
     z
         Unknowns here, shape (n,).
     slack
-        Of the tendons driven by displacement [m], shape (c,).
+        Slack of the tendons driven by displacement [m], shape (c,).
     unknowns
-        Of the path.
+        Unknowns of the path.
     """
     event, free = np.inf, rates.free
     if free.size:

@@ -1,7 +1,8 @@
 """Known states of a substep: their linearisation, their response to tensions and loads, and states between them.
 
-By their tensions the segments depend on each other only through the robot's stiffness, which changes slowly along a
-load step. By mobilisations they would depend on the tensions themselves, and on every hole before them.
+The response is kept by the tensions of the segments: a change of one acts on the others only through the robot's
+stiffness, which changes slowly along a load step. By the mobilisations of the holes it would change faster, since what
+one of them does depends on the tensions, and on every hole before it.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ class Equilibrium(NamedTuple):
 
     @property
     def numbering(self) -> Numbering:
-        """Of the unknowns."""
+        """Order of the unknowns."""
         return self.linearization.numbering
 
     @property
@@ -59,7 +60,7 @@ class Equilibrium(NamedTuple):
 
     @property
     def mobilisation(self) -> Array:
-        """Of the frictional holes [1], shape (k,)."""
+        """Mobilisations of the frictional holes [1], shape (k,)."""
         return self.numbering.at_frictional_holes(self.state.mobilisation)
 
     @property

@@ -15,8 +15,8 @@ from tdcr_fe.solve.friction_path.response import KnownStates
 from tdcr_fe.solve.friction_path.slips import InterpolatedSlips, Intervals
 from tdcr_fe.solve.friction_path.transfer import tension_transfer
 
-#: Part of a change that the mean of the slopes at both ends may leave unexplained [1]: with more, nothing is said of
-#: what an error of the slips does at the end, and a substep may have jumped to another branch.
+#: Part of a change that the mean of the slopes at both ends may leave unexplained [1]. If more is unexplained, the
+#: slopes do not tell what an error of the slips does at the end, and the substep may have jumped to another branch.
 ROUGH = 0.1
 #: Error of reversals located through twice as many states within the substep as before, over what they changed [1].
 #: With a quarter of it, three of 200 random robots ended up to 1.2e-5 of the length off.
@@ -26,7 +26,7 @@ REFINED_ERROR = 0.5
 class EndResponse(NamedTuple):
     """Response of the end of a substep to the friction there, with the tendons slack and taut as they are."""
 
-    known: KnownStates  # Of the substep
+    known: KnownStates  # Solved states of the substep, its end among them
     # (k, k): Minus the derivatives of the plastic slips by the mobilisations, see `SlipState.columns` [m]
     matrix: Array
     columns: Array  # (unknowns, k): Derivatives of the unknowns of the reduced scene by the mobilisations
@@ -77,7 +77,7 @@ class EndResponse(NamedTuple):
 class Reversals(NamedTuple):
     """Slip reversals within a substep, and what the mobilisations at its end count from."""
 
-    path: FrictionPath  # Of the holes of tendons under tension, followed through the substep
+    path: FrictionPath  # Friction path of the holes of tendons under tension through the substep
     response: EndResponse
     effect: float  # Largest displacement of a node that reversals cause at its end, over the length [1]
     error: float  # Uncertainty of that effect [1]
@@ -109,9 +109,9 @@ def find_reversals(known: KnownStates, length: float, *, refinable: bool) -> Rev
     Parameters
     ----------
     known
-        Of the substep; the last one is solved from the first as a whole.
+        Solved states of the substep; the last one is solved from the first as a whole.
     length
-        Of the longest backbone [m].
+        Length of the longest backbone [m].
     refinable
         Whether states within the substep may be solved, which decide where a slip reverses. Else the path is followed
         once more, with twice the defect, and the difference is an error, too.

@@ -36,27 +36,27 @@ class SlipData(NamedTuple):
     # (k + c + r,): Slips at the frictional holes [m], minus the slack of tendons whose tension at the base is
     # unknown [m], turning angles [rad]
     values: Array
-    by_tension: Array  # (k + c + r, q): Their derivatives by the tensions of the segments [m/N, rad/N]
-    by_load: Array  # (k + c + r,): Those by the load factor at fixed tensions [m, rad]
+    # (k + c + r, q): Derivatives of these values by the tensions of the segments [m/N, rad/N]
+    by_tension: Array
+    by_load: Array  # (k + c + r,): Derivatives of these values by the load factor at fixed tensions [m, rad]
 
 
 class Intervals(NamedTuple):
     """Values between solved states as polynomials of the load factor, in each of the ``s`` intervals between them."""
 
-    start: Array  # (s,): Load factor where each begins, and by how much it grows in it [1]
-    length: Array  # as `start`
-    # (s, q): Tensions of the segments at its start, and their derivative by the load factor along the straight
-    # line [N]
-    tension: Array
-    tension_rate: Array  # as `tension`
-    # (s, 4, k + c + r): Of the values along this line: cubic polynomials of the fraction of the interval,
-    # lowest power first [m, rad]
+    start: Array  # (s,): Load factor where an interval begins [1]
+    length: Array  # (s,): By how much the load factor grows in it [1]
+    tension: Array  # (s, q): Tensions of the segments at its start [N]
+    # (s, q): Their derivative by the load factor, along the straight line to those at its end [N]
+    tension_rate: Array
+    # (s, 4, k + c + r): Coefficients of the values along this line, as cubic polynomials of the fraction of the
+    # interval, lowest power first [m, rad]
     coefficients: Array
-    # (s, k + c + r, q): Derivatives by the tensions at its start, and their change up to its end [m/N, rad/N]
+    # (s, k + c + r, q): Derivatives of the values by the tensions, at its start [m/N, rad/N]
     by_tension: Array
-    by_tension_change: Array  # as `by_tension`
-    # Part ``p`` of that change by which the derivatives leave their straight line: ``x + p x (1 - x)`` in place
-    # of the fraction ``x`` of the interval [1]
+    by_tension_change: Array  # (s, k + c + r, q): Change of these derivatives up to its end [m/N, rad/N]
+    # The derivatives change along a parabola: by the part ``x + p x (1 - x)`` of their change at the fraction ``x`` of
+    # the interval, with this number ``p`` [1]
     parabola: float
 
     @classmethod
@@ -88,7 +88,7 @@ class Intervals(NamedTuple):
         factors
             Load factors within the first interval [1], shape (p,).
         tensions
-            Of the segments there [N], shape (p, q).
+            Tensions of the segments there [N], shape (p, q).
         count
             Number of values.
         """
@@ -124,7 +124,7 @@ def point_on_line(intervals: Intervals, factor: float) -> tuple[Array, Array, Ar
     Returns
     -------
     tension : ndarray, shape (q,)
-        Of the segments, on the line [N].
+        Tension of the segments, on the line [N].
     values : ndarray, shape (k + c + r,)
         As in `SlipData` [m, rad].
     by_tension : ndarray, shape (k + c + r, q)
@@ -134,7 +134,7 @@ def point_on_line(intervals: Intervals, factor: float) -> tuple[Array, Array, Ar
     change : ndarray, shape (k + c + r, q)
         Derivatives of these by tensions off the line, times the length of the interval [m/N, rad/N].
     length : float
-        Of the interval between both states [1].
+        Length of the interval between both states [1].
     """
     i, last = 0, len(intervals.start) - 1
     while i < last and intervals.start[i + 1] <= factor:
@@ -189,7 +189,7 @@ def slips_at(slips: InterpolatedSlips, factor: float, z: Array, tension: Array) 
     z
         Mobilisations [1], then unknown tensions at the base [N], shape (n,).
     tension
-        Of the segments, about [N], shape (q,).
+        Tension of the segments, about [N], shape (q,).
     """
     n = len(z)
     line, values, by_every, fixed_rates, change, length = point_on_line(slips.intervals, factor)

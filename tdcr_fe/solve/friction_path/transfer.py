@@ -22,10 +22,11 @@ class TendonsInSubstep(NamedTuple):
     """Tendons of one robot that are under tension at either end of a substep; it may have none."""
 
     law: TendonLaw
-    which: Index  # Their numbers, shape (m,)
+    which: Index  # (m,): Numbers of these tendons
     frictional: Flags  # (m, g): Which of their mobilisations are unknowns
-    driven: Index  # Which of them are driven by displacement; their tensions at the base are unknown
-    tension: Array  # (2, m): At the base, at both ends [N]
+    # Which of them have a prescribed length wound, so that their tension at the base is unknown
+    driven: Index
+    tension: Array  # (2, m): Tensions at the base, at both ends of the substep [N]
 
     @property
     def segments(self) -> int:
@@ -42,9 +43,10 @@ class Tensions(NamedTuple):
     """Tensions of the segments at given unknowns and turning angles, and their derivatives."""
 
     tension: Array  # (q,): [N]
-    by_angle: Array  # (q, r): By the turning angles [N/rad]
-    by_unknown: Array  # (k + c, q): By the mobilisations [N], and by unknown tensions at the base [1]
-    by_load: Array  # (q,): By the load factor, through the given tensions at the base [N]
+    by_angle: Array  # (q, r): Derivatives by the turning angles [N/rad]
+    # (k + c, q): Derivatives by the mobilisations [N], and by unknown tensions at the base [1]
+    by_unknown: Array
+    by_load: Array  # (q,): Derivatives by the load factor, through the given tensions at the base [N]
 
 
 class CapstanTransfer(NamedTuple):
@@ -57,10 +59,9 @@ class CapstanTransfer(NamedTuple):
     # holes
     behind: Array
     at_hole: Index  # (k,): The hole of each mobilisation; none where any acts at several
-    # (q,): Tension at the base of the segment's tendon at the start of the substep, and its change in it [N];
-    # zero where they are unknown
+    # (q,): Tension at the base of the segment's tendon at the start of the substep, zero where it is unknown [N]
     base_tension: Array
-    base_change: Array  # as `base_tension`
+    base_change: Array  # (q,): Its change in the substep, zero where it is unknown [N]
     # (c, q): Ones where an unknown tension is that at the base of the segment's tendon
     base_of_segment: Array
 
@@ -70,9 +71,8 @@ class CapstanTransfer(NamedTuple):
         holes_before, incidence, base_of_segment, friction, base = [], [], [], [], []
         for own in tendons:
             m, n = len(own.which), own.law.shape[1]
-            at_holes = own.law.law.hole_incidence(n)
             holes_before += [np.tri(n, n - 1, -1)] * m
-            incidence += [at_holes[:, frictional].T for frictional in own.frictional]
+            incidence += [own.law.hole_incidence[:, frictional].T for frictional in own.frictional]
             base_of_segment.append(np.eye(m)[own.driven].repeat(n, axis=1))
             friction.append(own.law.parameters.friction[own.which].ravel())
             given = own.tension.copy()
@@ -204,7 +204,7 @@ class AdhesiveTransfer:
         z, rate
             Unknowns and their rates, shape (k + c,).
         tension, tension_rate
-            Of the segments [N], shape (q,).
+            Tension and tension rate of the segments [N], shape (q,).
         """
         here, pace = z[: self._holes], rate[: self._holes]
         crossing = (here * pace < 0.0) & (tension[self._before] <= 0.0)
@@ -213,7 +213,7 @@ class AdhesiveTransfer:
         return float(np.concatenate(to_zero).min(initial=np.inf))
 
     def at(self, factor: float, z: Array, angles: Array) -> Tensions:
-        """As of `CapstanTransfer`."""
+        """Tensions of the segments and their derivatives, see `capstan_tensions`."""
         flat, q, r = self._capstan, len(self._capstan.base_tension), len(angles)
         base, mobilisation = base_tensions(flat, factor, z), z[: self._holes].dot(flat.incidence)
         at_holes = angles, mobilisation, flat.friction, self._adhesion

@@ -42,17 +42,17 @@ AGREEMENT = 0.1
 class Trial:
     """A solved trial step."""
 
-    step: LoadStep  # With all inputs
+    step: LoadStep  # The load step, with all inputs
     actuation: Actuation  # The same, resolved: its values are tensions [N] or displacements [m]
     report: LoadStepReport
-    state: SolverState  # At its end
-    tip: Array  # (3,): Position [m] and unit tangent of the tip
-    tangent: Array  # as `tip`
-    tensions: Array  # (m,): At the base [N, m]
-    displacements: Array  # as `tensions`
+    state: SolverState  # State at its end
+    tip: Array  # (3,): Position of the tip [m]
+    tangent: Array  # (3,): Unit tangent at the tip
+    tensions: Array  # (m,): Tensions at the base [N]
+    displacements: Array  # (m,): Lengths of the tendons pulled in at the base [m]
     # (6, m): Derivatives of the tip (position and world rotation vector) by the tension of each tendon [m/N, rad/N]
     motion: Array
-    inputs_by_tension: Array  # (m, m): Derivatives of the inputs
+    inputs_by_tension: Array  # (m, m): Derivatives of the inputs by the tensions
 
 
 class TrialSteps:
@@ -61,7 +61,7 @@ class TrialSteps:
     Parameters
     ----------
     simulation
-        Of the robot; it need not be at its beginning.
+        Simulation of the robot; it need not be at its beginning.
     experiment
         What it is a simulation of, with all loads.
 
@@ -113,12 +113,12 @@ class Objective:
     """Distance from a target plus the price of the tensions, and the bounds of these."""
 
     target: TipTarget
-    length: float  # Of the robot [m]
-    tolerance: float  # Of the distance, over the length [1]
-    lower: Array  # (m,): Bounds [N]
-    upper: Array  # as `lower`
+    length: float  # Length of the robot [m]
+    tolerance: float  # Tolerance of the distance, over the length [1]
+    lower: Array  # (m,): Lowest tensions [N]
+    upper: Array  # (m,): Largest tensions [N]
     reference: Array  # (m,): Tensions without a price: zero, or those at the beginning of the step [N]
-    scale: float  # Of the tensions [N]
+    scale: float  # Scale of the tensions [N]
 
     def residual(self, trial: Trial) -> Array:
         """Error of the given coordinates over the length, and of the unit tangent where its direction matters."""
@@ -183,7 +183,7 @@ class SearchResult:
     """End of a search."""
 
     trial: Trial
-    value: float  # Of the objective [1]
+    value: float  # Value of the objective [1]
     possible_gain: float  # By how much the linearised robot could lower it in the first trust region [1]
 
 
@@ -192,10 +192,10 @@ class TargetSearch:
     """Searches for one target."""
 
     trials: TrialSteps  # Solves trial steps
-    start: SolverState  # From which every trial begins
+    start: SolverState  # State from which every trial begins
     objective: Objective  # What is to be smallest
-    label: str = ""  # Of the load step
-    deadline: float = math.inf  # Of `time.perf_counter`, after which no further trial begins [s]
+    label: str = ""  # Label of the load step
+    deadline: float = math.inf  # Reading of `time.perf_counter` after which no further trial begins [s]
     count: int = 0  # Trial steps so far
 
     def best(self, starts: Iterable[Array], friction: bool) -> tuple[SearchResult | None, int]:

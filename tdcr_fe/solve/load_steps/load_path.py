@@ -29,8 +29,8 @@ class LoadRamp:
     """Change of one concentrated load, six values: force [N] and moment [N m]."""
 
     item: PointLoad
-    start: Array  # (6,)
-    end: Array  # as `start`, and as it is set in the scene
+    start: Array  # (6,): At the beginning of the load step
+    end: Array  # (6,): At its end, as it is set in the scene
 
     @cached_property
     def changes(self) -> bool:
@@ -44,8 +44,8 @@ class Ramp:
 
     inputs: tuple[InputRamp, ...]  # By robot, see `InputRamp`
     loads: tuple[LoadRamp, ...]
-    start_time: float  # [s]
-    end_time: float  # as `start_time`
+    start_time: float  # Time at the beginning of the load step [s]
+    end_time: float  # Time at its end [s]
     before_increment: Callable[[float], None] | None = None  # Called with the time [s] before every solve
     user_loads: bool = False  # Whether user functions may change loads within the step
     user_inputs: bool = False  # Whether user functions set tendon inputs over time
@@ -180,14 +180,14 @@ class SolvedSubstep(NamedTuple):
 class SolvedPath:
     """A solved part of a load step."""
 
-    state: SolverState  # At its end
-    load_factor: float = 0.0  # There, in [0, 1] [1]
-    # By robot, in that state; empty if the scene was last evaluated in another state
+    state: SolverState  # State at its end
+    load_factor: float = 0.0  # Load factor at its end, in [0, 1] [1]
+    # By robot, forces in that state; empty if the scene was last evaluated in another state
     forces: tuple[TendonForces, ...] = ()
-    # The last one of the last substep; None if that substep needed no iteration
+    # The last linearisation of the last substep; None if that substep needed no iteration
     linearization: Linearization | None = None
     increments: tuple[SolvedSubstep, ...] = ()
-    iterations: int = 0  # Of the accepted substeps
+    iterations: int = 0  # Iterations of the accepted substeps
     rejected: int = 0  # Iterations of attempts that were not accepted
     residual: float = 0.0  # Relative residual at the end [1]
     snapped: bool = False  # Whether the robot jumped to another equilibrium
@@ -253,7 +253,7 @@ class Position(NamedTuple):
     """Where a load step begins, or ended: the solved state, and what is known there."""
 
     state: SolverState
-    linearization: Linearization | None = None  # Of a state near it, for the first iteration
+    linearization: Linearization | None = None  # A linearisation near this state, for the first iteration
     end: Equilibrium | None = None  # The same state with an exact linearisation, for the search of reversals
 
 
@@ -268,7 +268,7 @@ class LoadStepReport:
     iterations_total : int
         With those of rejected attempts.
     substeps : int
-        Of the accepted path.
+        Substeps of the accepted path.
     residual : float
         Relative residual at the end [1].
     snapped : bool

@@ -32,17 +32,18 @@ class Trial(NamedTuple):
     solver: SubstepSolver
     begin: SolvedPath  # The path up to where it begins
     end: float  # Load factor at its end [1]
-    substeps: int  # Of the load step, if it is accepted and nothing is divided further
+    # Number of substeps of the load step, if this one is accepted and nothing is divided further
+    substeps: int
     result: NewtonResult
     # Whether Newton's method began at its start, and not at a state near the solution
     from_start: bool = True
     beside: SolverState | None = None  # The state near its end that has passed the judges in a similar run
     error: float = 0.0  # Largest displacement of a node that is not resolved of its path, over the length [1]
     rejected: int = 0  # Iterations of former solutions of the substep
-    # Where it is to be divided because of its path, as a fraction of it; 0 where forces have to balance first
+    # At which fraction of it the substep is to be divided because of its path; 0 where forces have to balance first
     division: float | None = None
     final: Equilibrium | None = None  # The state at its end with its linearisation, where it was needed
-    located: LocatedReversals | None = None  # With which `result` was solved, where it was
+    located: LocatedReversals | None = None  # Reversals with which `result` was solved; None: without any
 
     @property
     def before(self) -> SolverState:
@@ -92,9 +93,9 @@ class Trial(NamedTuple):
 
 
 class Instead(NamedTuple):
-    """What is to be solved instead of a substep that was not accepted; nothing where it cannot be any smaller."""
+    """A refusal by a judge: what is to be solved instead of the substep; nothing where it cannot be any smaller."""
 
-    path: SolvedPath  # Up to where that begins
+    path: SolvedPath  # The path up to where these begin
     proposals: tuple[Proposal, ...]
 
 
@@ -104,7 +105,7 @@ def solved(solver: SubstepSolver, path: SolvedPath, proposal: Proposal, ahead: i
     Parameters
     ----------
     solver
-        Of the load step.
+        Solver of the load step.
     path
         Up to where the substep begins.
     proposal
@@ -136,7 +137,7 @@ def take_substeps(
     Parameters
     ----------
     solver
-        Of the load step.
+        Solver of the load step.
     path
         Up to where the first substep begins.
     proposals

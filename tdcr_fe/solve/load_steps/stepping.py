@@ -40,9 +40,10 @@ def converged(trial: Trial) -> Trial | Instead:
 
 
 def converged_at_once(trial: Trial) -> Trial:
-    """As `converged`; else the whole path is given up.
+    """Whether Newton's method has found a solution; else the whole path is given up.
 
-    Where a coefficient falls with the slip rate, shorter substeps have the less a solution.
+    It is not halved as in `converged`: where a coefficient falls with the slip rate, the shorter a substep, the less
+    likely it has a solution.
     """
     if trial.result.converged:
         return trial
@@ -140,7 +141,7 @@ def is_continuous(solver: SubstepSolver, first: Point, last: Point) -> bool:
     Parameters
     ----------
     solver
-        Of the load step.
+        Solver of the load step.
     first, last
         The ends of the substep.
     """
@@ -261,7 +262,8 @@ def _with_path_resolved(solver: SubstepSolver, begin: Position, proposals: Seque
         count = 2 * max(count, round(1.0 / np.diff(ends).max()))
         if count > solver.settings.max_substeps:
             break
-        # The shortest parts of Dahl's law may be divided: else a path beside which all others fail has no error.
+        # With Dahl's law the shortest parts may be divided further. Otherwise all finer paths might fail, and there
+        # would be nothing from which to estimate the error of this one.
         last = 2 * count > solver.settings.max_substeps and not rates
         try:
             finer = _taken(solver, begin, equal_parts(count), PATH_RESOLVED if last else COMPARED)

@@ -223,7 +223,7 @@ def advice(status: NewtonStatus, moments: bool = False, rates: bool = False) -> 
     Parameters
     ----------
     status
-        Of the last solve.
+        Status of the last solve.
     moments, rates
         Whether there are concentrated moments, and coefficients of friction that may depend on slip rates.
     """

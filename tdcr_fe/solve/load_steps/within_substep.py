@@ -54,7 +54,7 @@ def known_states(
     Parameters
     ----------
     solver
-        Of the load step.
+        Solver of the load step.
     states
         With their fractions of the substep [1].
     span
@@ -110,7 +110,7 @@ def refined(
     Parameters
     ----------
     solver
-        Of the load step.
+        Solver of the load step.
     known
         The present states.
     path
@@ -258,13 +258,12 @@ def _linearised(solver: SubstepSolver, state: SolverState, load_factor: float) -
 
 
 def is_steady(trial: Trial, linear: Linearization) -> bool:
-    """Whether a substep is a whole load step without change of the loads in which all holes slip steadily.
+    """Whether a substep is a whole load step in which the loads stay and every hole slips in one direction only.
 
-    That is, every hole of tendons under tension slips in one direction.
-
-    All of them slip at both ends, in the same direction, unless their tendon had no tension. The slip rates at the end,
-    from the last linearisation, have the direction of the friction, and so have those at the start, from these and the
-    slips taken as parabolas of the load factor. A substep in which no slip reverses is exact as a whole.
+    Such a substep is exact as a whole. It is recognised by two signs. Every hole of a tendon under tension slips at the
+    end, and at the start, if its tendon was under tension there, in the same direction. And its slip rate has the
+    direction of the friction at both ends: at the end by the last linearisation, at the start by the parabola of the
+    load factor through its slips.
 
     Parameters
     ----------

@@ -42,10 +42,10 @@ class NewtonStatus(Enum):
 class Unmet(NamedTuple):
     """A condition of a solution that is not met."""
 
-    status: NewtonStatus  # Of a solve that ends here
+    status: NewtonStatus  # Status of a solve that ends here
     measured: str  # What the error is, in words
-    error: float  # What was found, and what is allowed [1]
-    tolerance: float  # as `error`
+    error: float  # The error that was found [1]
+    tolerance: float  # The largest error that is allowed [1]
 
     @property
     def text(self) -> str:
@@ -61,13 +61,13 @@ def first_unmet(
     Parameters
     ----------
     residual
-        Of the iterate.
+        Residual of the iterate.
     softening
         Factor on the presliding distance [1].
     friction_fixed
         Whether mobilisations are given, and not unknowns.
     settings
-        Of the solver.
+        Settings of the solver.
     balance
         Whether balance is among the conditions; it is not where an iteration has stalled.
 

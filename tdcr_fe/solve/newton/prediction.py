@@ -122,7 +122,7 @@ def moved_elements(
     state
         To start from.
     change
-        Of the twists of all elements; anything after them is left out.
+        Change of the twists of all elements; anything after them is left out.
     max_turn
         Largest change of an element's rotation [rad].
     """

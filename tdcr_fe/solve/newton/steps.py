@@ -47,7 +47,7 @@ def slip_changes(
     Parameters
     ----------
     numbering
-        Of the unknowns.
+        Numbering of the unknowns.
     forces
         By robot, in the present configuration.
     step
@@ -205,7 +205,7 @@ def on_curves(
     Parameters
     ----------
     numbering
-        Of the unknowns.
+        Numbering of the unknowns.
     laws
         By robot, softened.
     state

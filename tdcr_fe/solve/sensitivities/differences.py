@@ -86,8 +86,8 @@ def stencil(
 class Tabulated:
     """Neighbours of an experiment that were made beforehand, as `ModelParameter.apply`; can be sent to a process."""
 
-    value: float  # Present value, and the difference step
-    step: float  # as `value`
+    value: float  # Present value
+    step: float  # Difference step
     experiments: Mapping[int, Experiment]  # By offset from the present value, in difference steps
     refused: str = ""  # Why there are no others
 

@@ -33,11 +33,11 @@ from tdcr_fe.solve.simulation import Simulation, one_thread
 class TendonChange(NamedTuple):
     """Change of the tendons of one robot; right sides are the last axis."""
 
-    base_tension: Array  # (m, P): [N]
-    mobilisation: Array  # (m, g, P)
-    tension: Array  # (m, n, P): Tensions [N] and released lengths [m] of the segments
-    released: Array  # as `tension`
-    slip: Array  # (m, g, P): [m]
+    base_tension: Array  # (m, P): Tensions at the base [N]
+    mobilisation: Array  # (m, g, P): Mobilisations [1]
+    tension: Array  # (m, n, P): Tensions of the segments [N]
+    released: Array  # (m, n, P): Released lengths of the segments [m]
+    slip: Array  # (m, g, P): Slips [m]
 
 
 class Response(NamedTuple):
@@ -52,10 +52,10 @@ class Response(NamedTuple):
 class Disturbance(NamedTuple):
     """What changes at one robot while its nodes stay where they are; right sides are the last axis."""
 
-    wrenches: Array  # (6 N, P): On the nodes, in their own frames
+    wrenches: Array  # (6 N, P): Wrenches on the nodes, in their own frames [N, N m]
     inputs: Array  # (m, P): Tensions [N] or displacements [m] at the base
-    tension: Array  # (m, n, P): Of the segments, at the same tension at the base [N, m]
-    released: Array  # as `tension`
+    tension: Array  # (m, n, P): Tensions of the segments, at the same tension at the base [N]
+    released: Array  # (m, n, P): Released lengths of the segments, at the same tension at the base [m]
     slip: Array  # (m, g, P): Slips at the beginning of the increment [m]
     mobilisation: Array  # (m, g, P): Mobilisations at the beginning of the increment [1]
 
@@ -114,13 +114,13 @@ class SolvedPoint:
         softening
             Factor on the presliding distance [1].
         numbering
-            Of the unknowns; None is that of the scene.
+            Numbering of the unknowns; None is that of the scene.
         all_stick
             Let holes that slip stick, as where all motion reverses.
         sticking
             Which holes stick, by robot; None finds out from the history.
         linearization
-            Of a state near it; None is that of the state itself, in which the scene is left.
+            Linearization of a state near it; None is that of the state itself, in which the scene is left.
         """
         numbering = system.numbering() if numbering is None else numbering
         if linearization is None:

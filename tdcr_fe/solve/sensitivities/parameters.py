@@ -118,7 +118,7 @@ class StepInput:
     name: str
     tendon: int = -1  # Number of a tendon whose tension or displacement is meant, -1 where a load is meant
     load: str = ""  # Name of the load; empty where a tendon is meant
-    component: int = 0  # Of the load's six values
+    component: int = 0  # Which of the load's six values is meant
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,8 +129,8 @@ class StepInputs:
     """
 
     name: str
-    change: Array  # Of tensions [N] and lengths wound [m], shape (K, m)
-    # Of loads by name, forces [N] and moments [N m], shape (K, 6)
+    change: Array  # (K, m): Derivatives of tensions [N] and lengths wound [m] by the number
+    # By name of the load, derivatives of its forces [N] and moments [N m], shape (K, 6)
     loads: Mapping[str, Array] = field(default_factory=dict)
 
 

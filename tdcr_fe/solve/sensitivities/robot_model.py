@@ -35,8 +35,8 @@ from tdcr_fe.solve.sensitivities.parameters import ModelParameter, Parameter
 class RobotModel:
     """A robot as arrays."""
 
-    experiment: Experiment  # From which it was made, with a number of elements for every bay
-    base: BasePose | None  # Of the base plate in the world; None is that of the world
+    experiment: Experiment  # What it was made from, with a number of elements for every bay
+    base: BasePose | None  # Pose of the base plate in the world; None: at the origin
     forces: ForceModel  # Mesh, tendons, laws and section forces
     rigid: Flags  # (E,): Which elements are rigid inserts
     weight: Array  # (N, 3): Weight on every node, world axes [N]
@@ -104,19 +104,20 @@ def _same_mesh(a: Experiment, b: Experiment) -> bool:
 class RobotPoint(NamedTuple):
     """Where the forces of a robot are evaluated."""
 
-    positions: Array  # Of the nodes, the latter in beam axes, shapes (N, 3) and (N, 3, 3)
-    rotations: Array  # as `positions`
-    twists: Array  # (E, 6): Of the elements
-    base_tension: Array  # (m,): [N]
-    mobilisation: Array  # (m, g)
+    positions: Array  # (N, 3): Positions of the nodes [m]
+    rotations: Array  # (N, 3, 3): Rotations of the nodes, in beam axes
+    twists: Array  # (E, 6): Twists of the elements
+    base_tension: Array  # (m,): Tensions at the base [N]
+    mobilisation: Array  # (m, g): Mobilisations of the holes [1]
 
 
 class Values(NamedTuple):
     """Forces of a robot in one state: of every model of a stack, or, parameters being the last axis, derivatives."""
 
-    wrenches: Array  # (S, N, 6): On the nodes, in their own frames [N, N m]; (S, n+1, 6) of tendons alone
-    tension: Array  # (S, m, n): Tensions [N] and released lengths [m] of the segments
-    released: Array  # as `tension`
+    # (S, N, 6): On the nodes, in their own frames [N, N m]; (S, n+1, 6) where only tendons act
+    wrenches: Array
+    tension: Array  # (S, m, n): Tensions of the segments [N]
+    released: Array  # (S, m, n): Released lengths of the segments [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +125,7 @@ class TendonStack:
     """Tendons of several models of one robot, evaluated as if they were so many tendons."""
 
     size: int  # Number S of models
-    law: TendonLaw  # Of all tendons, with friction where one of the models has it
+    law: TendonLaw  # Law of all tendons, with friction where one of the models has it
     geometry: CableGeometry | None  # None where they follow the backbone
     sections: tuple[SectionForces | None, ...]
 
@@ -153,7 +154,7 @@ class TendonStack:
         point
             The state.
         rates
-            Of the slips [m/s], shape (S, m, g).
+            Rates of the slips [m/s], shape (S, m, g).
         nodes
             With holes, see `tdcr_fe.elements.forces.ForceModel.cable_nodes`; empty where tendons follow the backbone.
         """
@@ -188,8 +189,8 @@ _TABLES = tuple(f.name for f in fields(TendonParameters) if f.name != "laws")
 
 def _joined_law(laws: Sequence[TendonLaw]) -> TendonLaw:
     """The laws of several models as that of all their tendons; tendons of models without friction have none."""
-    mobilised = next((law.law for law in laws if law.law.active), laws[0].law)
-    parameters = [x.parameters if x.law.active else _without_friction(x.parameters) for x in laws]
+    mobilised = next((law.model for law in laws if law.model.active), laws[0].model)
+    parameters = [x.parameters if x.model.active else _without_friction(x.parameters) for x in laws]
     joined = {name: np.concatenate([getattr(p, name) for p in parameters]) for name in _TABLES}
     of_coefficients = tuple(x for p in parameters for x in p.laws)
     return TendonLaw(TendonParameters(**joined, laws=of_coefficients), mobilised, laws[0].hysteresis)
@@ -244,10 +245,10 @@ def _check_structure(present: RobotModel, other: RobotModel) -> None:
 class Inherited(NamedTuple):
     """Derivatives of what an increment inherits, and of its times."""
 
-    slip: Array  # (m, g, P): Of the history [m, m/s]
-    slip_rate: Array  # as `slip`
-    time: Array  # (P,): Of the time at its end, and of its duration [s]
-    elapsed: Array  # as `time`
+    slip: Array  # (m, g, P): Derivatives of the slips in the history [m]
+    slip_rate: Array  # (m, g, P): Derivatives of the slip rates in the history [m/s]
+    time: Array  # (P,): Derivatives of the time at its end [s]
+    elapsed: Array  # (P,): Derivatives of its duration [s]
 
 
 def with_rates(change: Values, own: TendonForces, rate: Array, inherited: Inherited | None) -> Values:
@@ -260,11 +261,11 @@ def with_rates(change: Values, own: TendonForces, rate: Array, inherited: Inheri
     Parameters
     ----------
     change
-        Of a robot whose nodes, tensions at the base and mobilisations are kept; parameters are the last axis.
+        Change of a robot whose nodes, tensions at the base and mobilisations are kept; parameters are the last axis.
     own
         Forces in the present state.
     rate
-        Of the slips [m/s], shape (m, g).
+        Rate of the slips [m/s], shape (m, g).
     inherited
         Changes of the slips from which the rates are counted, and of the duration; None where there are none.
     """
@@ -300,7 +301,7 @@ class ExplicitDerivatives:
     Attributes
     ----------
     law : FrictionModel
-        Of the friction in the models; where the present one has none, that of the neighbours.
+        Law of the friction in the models; where the present one has none, that of the neighbours.
     arc_lengths : ndarray, shape (N, P)
         Derivatives of the arc lengths of the nodes [m].
     """
@@ -323,7 +324,7 @@ class ExplicitDerivatives:
         self._creeps = any(m.experiment.robot.backbone.creep_rate != 0.0 for m in models)
         self._weight = np.stack([m.weight for m in models], axis=1)
         self._tendons = TendonStack.of([m.forces for m in models])
-        self.law = self._tendons.law.law
+        self.law = self._tendons.law.model
         self.arc_lengths = self._derivative(np.stack([m.forces.mesh.arc_lengths for m in models]))
 
     def _derivative(self, values: Array) -> Array:
@@ -383,7 +384,7 @@ class ExplicitDerivatives:
         point
             The state.
         rate
-            Of the slips [m/s], shape (m, g).
+            Rate of the slips [m/s], shape (m, g).
         times
             At the beginning and at the end of the increment [s].
         inherited

@@ -45,27 +45,26 @@ from tdcr_fe.solve.simulation import Simulation
 class Derivative:
     """Derivative of the state at the end of a substep, on which the next one depends; parameters are the last axis."""
 
-    slip: Array  # (m, g, P): Of the history
-    former: Array  # as `slip`, of the history before it
-    mobilisation: Array  # as `slip`
-    slip_rate: Array  # as `slip`
-    # (m, P): Tension and slip at the base plate, and prescribed tension or displacement [N, m]
-    base_tension: Array
-    base_slip: Array  # as `base_tension`
-    inputs: Array  # (m, P): Tension and slip at the base plate, and prescribed tension or displacement [N, m]
-    loads: Array  # (L, 6, P): Of the concentrated loads
-    time: Array  # (P,): [s]
+    slip: Array  # (m, g, P): Slips in the history of the holes [m]
+    former: Array  # (m, g, P): Slips in the history before that [m]
+    mobilisation: Array  # (m, g, P): Mobilisations in the history [1]
+    slip_rate: Array  # (m, g, P): Slip rates in the history [m/s]
+    base_tension: Array  # (m, P): Tension of every tendon at the base plate [N]
+    base_slip: Array  # (m, P): Its slip through the base plate [m]
+    inputs: Array  # (m, P): What its drive prescribes: tension [N] or displacement [m]
+    loads: Array  # (L, 6, P): Forces and moments of the concentrated loads [N, N m]
+    time: Array  # (P,): Time [s]
 
 
 class _Carried(NamedTuple):
     """What one substep hands on to the next."""
 
     derivative: Derivative
-    mobilisation: Array  # (m, g): Of the holes, also of those without friction at the present values
+    mobilisation: Array  # (m, g): Mobilisations, also of holes without friction at the present values [1]
     slip: Array  # (m, g): Slips to which these belong [m]
-    former: Array  # as `slip`, of the substep before
-    # By robot, with which change of its history the next substep begins; empty where none has changed. Of this robot:
-    # as `derivative`
+    former: Array  # (m, g): Slips at the end of the substep before [m]
+    # By robot, with which change of its history the next substep begins; that of this robot is in `derivative`. Empty
+    # where none has changed
     histories: tuple[Disturbance, ...] = ()
 
 
@@ -73,11 +72,11 @@ class _Disturbed(NamedTuple):
     """What the parameters change in a solved state at fixed nodes."""
 
     disturbances: tuple[Disturbance, ...]  # By robot
-    mobilisation: Array  # (m, g): As of `_Carried`, in this state
-    slip: Array  # as `mobilisation`
-    rate: Array  # (m, g): Of the slips [m/s]
+    mobilisation: Array  # (m, g): Mobilisations in this state, see `_Carried` [1]
+    slip: Array  # (m, g): Slips in this state [m]
+    rate: Array  # (m, g): Slip rates [m/s]
     inherited: Inherited  # Changes of what the rates are counted from
-    duration: float  # Over which they are [s], see `FrictionState.rates_from`
+    duration: float  # Time over which the rates are means [s], see `FrictionState.rates_from`
 
 
 class _StepValues(NamedTuple):
@@ -101,7 +100,7 @@ class SensitivityHistory:
     parameters: tuple[Parameter, ...]
     explicit: ExplicitDerivatives
     inputs: InputDerivatives
-    # Of all concentrated loads of the scene, the node, -1 where it is on another robot, and the frame
+    # For every concentrated load of the scene, its node, -1 where it is on another robot, and its frame
     loads: tuple[tuple[int, str], ...]
     curvatures: bool = True  # Whether derivatives of the curvature rates are needed; else they are zero
     # What has been computed, by load step. Cleared, the history begins anew.
@@ -116,7 +115,7 @@ class SensitivityHistory:
         Parameters
         ----------
         simulation
-            Of the experiment.
+            Simulation of the experiment.
         experiment
             Robot, model and steps.
         chosen
@@ -182,7 +181,7 @@ class SensitivityHistory:
     def refuse_others(self) -> None:
         """Refuse a scene in which holes have slipped since the last load step."""
         robot, law = self.handle.actuation, self.handle.actuation.law
-        if self.inputs.restarts.all() or not law.law.active:
+        if self.inputs.restarts.all() or not law.model.active:
             return
         passed = np.abs(robot.friction_without_stretch().slip - self.carried.slip)
         if passed.max(initial=0.0) > law.hysteresis.presliding:
