@@ -10,8 +10,8 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from itertools import combinations_with_replacement, product
+from functools import cached_property, partial
+from itertools import chain, combinations_with_replacement, product
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -324,23 +324,50 @@ def definition(term: Term) -> str:
 _Coefficients = Sequence[tuple[str, str, Callable[[BayState], Array]]]
 
 
-def state_loads(problem: FitProblem, state: BayState, progress: str) -> Iterator[StateLoad]:
-    """Causes that are moments and forces on the backbone which depend on its state.
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """What is known where the causes are made."""
 
-    ``progress``: what a drift depends on, "time" or "row"; empty where drifts are left out.
-    """
-    size, length = scale(problem.experiment.robot), float(state.edges[-1])
-    clock = TIME if progress == "time" else ROW
-    settling = settling_span(clock.unit or "1", float(np.ptp(clock.value(state))))
-    bays = state.shape[1]
+    problem: FitProblem
+    state: BayState
+    progress: str  # What a drift depends on, "time" or "row"; empty where drifts are left out
+
+    @cached_property
+    def size(self) -> Array:
+        """See `tdcr_fe.identify.balance.scale`."""
+        return scale(self.problem.experiment.robot)
+
+    @property
+    def bays(self) -> int:
+        """Number of bays."""
+        return self.state.shape[1]
+
+    @property
+    def clock(self) -> Factor:
+        """What a drift is in proportion to."""
+        return TIME if self.progress == "time" else ROW
+
+    @cached_property
+    def settling(self) -> tuple[Parameter, Held]:
+        """See `tdcr_fe.identify.causes.settling_span`."""
+        return settling_span(self.clock.unit or "1", float(np.ptp(self.clock.value(self.state))))
+
+    @cached_property
+    def parts(self) -> list[Factor]:
+        """Parts of the rows, see `parts_of_rows`."""
+        # In several folders the time begins anew in each, so changes are taken to occur between folders.
+        data = self.problem.data
+        counts = ROW if data.restarts else self.clock
+        rows = data.restarts or (possible_starts(data) if self.progress else ())
+        return parts_of_rows(counts, {data.step_ids[k]: float(counts.value(self.state)[k, -1]) for k in rows})
 
     def load(
-        name: str, kind: Kind, terms: _Coefficients, text: str, price: float, meaning: str = ""
+        self, name: str, kind: Kind, terms: _Coefficients, text: str, price: float, meaning: str = ""
     ) -> Iterator[StateLoad]:
         """The cause, or none where a term does not act."""
         numbers = []
         for label, unit, term in terms:
-            most = float(np.nanmax(np.abs(term(state)) / size, initial=0.0))
+            most = float(np.nanmax(np.abs(term(self.state)) / self.size, initial=0.0))
             if most <= 0.0:
                 return
             step = TYPICAL / most
@@ -349,57 +376,88 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> Iterator
         if numbers:
             yield StateLoad(name, kind, tuple(numbers), tuple(t for *_, t in terms), text, price)
 
-    # In several folders the time begins anew in each, so changes are taken to occur between folders.
-    restarts = problem.data.restarts
-    counts = ROW if restarts else clock
-    rows = restarts or (possible_starts(problem.data) if progress else ())
-    parts = parts_of_rows(counts, {problem.data.step_ids[k]: float(counts.value(state)[k, -1]) for k in rows})
-    parts_of_backbone = len(ranges(bays))
+
+def state_loads(problem: FitProblem, state: BayState, progress: str) -> Iterator[StateLoad]:
+    """Causes that are moments and forces on the backbone which depend on its state.
+
+    ``progress``: what a drift depends on, "time" or "row"; empty where drifts are left out.
+    """
+    known = _Known(problem, state, progress)
+    return chain.from_iterable(family(known) for family in FAMILIES)
+
+
+def _products(known: _Known) -> Iterator[StateLoad]:
+    """Products of factors, and what settles."""
+    state, clock = known.state, known.clock
     # only those from a row on: a jump before it differs by a change in all rows, which is a cause of its own
-    jumps = [Term((part,), d) for part in parts[::2] for d in (BENDING, SECTION)]
-    for term in (*library(bays, clock), *jumps):
-        if not progress and ROW in term.factors:
+    jumps = [Term((part,), d) for part in known.parts[::2] for d in (BENDING, SECTION)]
+    for term in (*library(known.bays, clock), *jumps):
+        if not known.progress and ROW in term.factors:
             continue
         perturbs, depends = term.kind
-        choices = (1 if term.bays is None else parts_of_backbone) * math.prod(f.choices for f in term.factors)
+        choices = 1 if term.bays is None else len(ranges(known.bays))
+        choices *= math.prod(f.choices for f in term.factors)
         price = math.log(10.0) + PER_FACTOR * len(term.factors) + math.log(choices)
         kind = Kind(perturbs, depends, where(term, state.edges))
-        yield from load(term.key, kind, term.actions, term.changes, price, definition(term))
-        if progress and term.factors == (clock,) and term.bays is None and ((), term.direction) in _LISTED:
+        yield from known.load(term.key, kind, term.actions, term.changes, price, definition(term))
+        if (
+            known.progress
+            and term.factors == (clock,)
+            and term.bays is None
+            and ((), term.direction) in _LISTED
+        ):
             last = Term((), term.direction)
-            lasting = load(last.key, kind, last.actions, last.changes, price, definition(last))
-            yield from (x.settling(lambda b: clock.value(b)[:, :1, None], *settling) for x in lasting)
-    names = problem.experiment.robot.tendon_names
-    tensions = tensions_of(names)
-    forces = tip_forces(resolve(problem.data.robot, problem.data.steps))
-    for free in free_loads(clock, tensions, parts, bays, forces):
-        if "row" in free.depends_on and not progress:
+            lasting = known.load(last.key, kind, last.actions, last.changes, price, definition(last))
+            yield from (x.settling(lambda b: clock.value(b)[:, :1, None], *known.settling) for x in lasting)
+
+
+def _on_disks(known: _Known) -> Iterator[StateLoad]:
+    """Forces and moments with three coefficients, on one disk each."""
+    state, data = known.state, known.problem.data
+    tensions = tensions_of(data.robot.tendon_names)
+    forces = tip_forces(resolve(data.robot, data.steps))
+    for free in free_loads(known.clock, tensions, known.parts, known.bays, forces):
+        if "row" in free.depends_on and not known.progress:
             continue
-        for bay in range(bays - 1 if free.at_tip else 0, bays):
+        for bay in range(known.bays - 1 if free.at_tip else 0, known.bays):
             at = end_of_bay(state.edges, bay)
             terms = [(a, free.unit, partial(free.action, bay=bay, axis=axis)) for axis, a in enumerate("xyz")]
             price = 1.5 + math.log(state.choices(bay)) + math.log(free.factor.choices)
             kind, what = Kind(free.perturbs, free.depends_on, at), f"{free.perturbs} {free.text}"
             when = f", {free.factor.when}" if free.factor.when else ""
-            yield from load(f"{what} ({at}{when})", kind, terms, f"a {what}{when}", price)
+            yield from known.load(f"{what} ({at}{when})", kind, terms, f"a {what}{when}", price)
+
+
+def _by_displacement(known: _Known) -> Iterator[StateLoad]:
+    """Forces along the displacement of a disk, by its square or third power; and against its velocity."""
+    state = known.state
     powers = (1, _product(2 * [DISTANCE.name])), (2, _product(3 * [DISTANCE.name]))
-    for bay, (power, of) in product(range(bays), powers):
+    for bay, (power, of) in product(range(known.bays), powers):
         kind = Kind("force", ("position",), end_of_bay(state.edges, bay))
         own = [("coefficient", _unit("N", ["m"] * (power + 1)), partial(_displaced, bay=bay, power=power))]
         text = f"a force along the displacement across the axis, proportional to {of}"
-        price = math.log(10.0) + PER_FACTOR * power + math.log(bays)
-        yield from load(f"force by {of} ({kind.where})", kind, own, text, price)
-    for bay in range(bays if clock is TIME else 0):
+        price = math.log(10.0) + PER_FACTOR * power + math.log(known.bays)
+        yield from known.load(f"force by {of} ({kind.where})", kind, own, text, price)
+    for bay in range(known.bays if known.clock is TIME else 0):
         at = end_of_bay(state.edges, bay)
         own = [("coefficient", "N s m^-1", partial(_against_motion, bay=bay))]
         kind, price = Kind("force", ("position", "time"), at), math.log(10.0) + math.log(state.choices(bay))
-        yield from load(f"viscous drag ({at})", kind, own, "a force against the velocity", price)
-    of_one = product((CURVATURE, POSITION, TENSION, clock), (BENDING, TENDONS, TENDON_SIGN))
+        yield from known.load(f"viscous drag ({at})", kind, own, "a force against the velocity", price)
+
+
+def _functions(known: _Known) -> Iterator[StateLoad]:
+    """Any function of one factor."""
+    of_one = product((CURVATURE, POSITION, TENSION, known.clock), (BENDING, TENDONS, TENDON_SIGN))
     for factor, direction in (*of_one, (POSITION, SECTION)):
-        if progress or factor is not ROW:
+        if known.progress or factor is not ROW:
             term = Term((factor,), direction)
             name, price = f"{direction.law} as a function of {factor.name}", math.log(10.0) + PER_FACTOR
-            yield from load(name, Kind(*term.kind, "everywhere"), _free(term, state), name, price)
+            kind = Kind(*term.kind, "everywhere")
+            yield from known.load(name, kind, _free(term, known.state), name, price)
+
+
+def _by_direction(known: _Known) -> Iterator[StateLoad]:
+    """Bending stiffnesses that depend on the direction of bending."""
     axes = {"xx": "x", "yy": "y", "xy": "xy", "xz": "xz", "yz": "yz"}
     tensor = [(n, "N m^2", partial(_by_curvature, axes=a)) for n, a in axes.items()]
     signed = product(enumerate("xy"), (("plus", 1.0), ("minus", -1.0)))
@@ -411,24 +469,56 @@ def state_loads(problem: FitProblem, state: BayState, progress: str) -> Iterator
         ("bending stiffness by side", sides, f"{text} bending to one side and to the other"),
         ("bending coupled with twist", tensor[3:], "a stiffness by which bending twists the backbone"),
     ):
-        yield from load(name, kind, own, what, math.log(10.0))
-    for (i, name), first in product(enumerate(names), range(1, bays)):
-        at = f"tendon {name}, from s = {state.edges[first]:.4g} m on"
+        yield from known.load(name, kind, own, what, math.log(10.0))
+
+
+def _lost_tensions(known: _Known) -> Iterator[StateLoad]:
+    """A share of the tension of one tendon, which is lost from a disk on."""
+    names = known.problem.experiment.robot.tendon_names
+    for (i, name), first in product(enumerate(names), range(1, known.bays)):
+        at = f"tendon {name}, from s = {known.state.edges[first]:.4g} m on"
         own = [("share", "1", partial(_lost, tendon=i, first=first))]
-        text, price = "a share of a tendon's tension is lost", math.log(len(names) * (bays - 1))
-        yield from load(f"lost tension ({at})", Kind("transmission", ("place",), at), own, text, price)
-    bent = float(np.nanmax(_size(_bending(state)), initial=0.0))
-    yield from with_memory(float(size[0]), length, bent, (clock, *settling) if progress else None)
+        text, price = "a share of a tendon's tension is lost", math.log(len(names) * (known.bays - 1))
+        yield from known.load(f"lost tension ({at})", Kind("transmission", ("place",), at), own, text, price)
+
+
+def _remembered(known: _Known) -> Iterator[StateLoad]:
+    """See `with_memory`."""
+    bent = float(np.nanmax(_size(_bending(known.state)), initial=0.0))
+    settling = (known.clock, *known.settling) if known.progress else None
+    return with_memory(float(known.size[0]), float(known.state.edges[-1]), bent, settling)
+
+
+def _along_the_backbone(known: _Known) -> Iterator[StateLoad]:
+    """A constant force per length."""
     spread = [(a, "N/m", partial(_spread, axis=i)) for i, a in enumerate("xyz")]
     kind = Kind("force", ("nothing",), "along the backbone")
     text = "a constant force along the whole backbone"
-    yield from load("force along the backbone", kind, spread, text, 0.5 * OTHER_GRAVITY - UNLISTED)
-    strength = TYPICAL * float(size[-1])
-    for bay in range(bays):
-        falls = (2, 1, 3) if bay == bays - 1 else (2,)
-        yield from (Attraction(bay, state, power, strength) for power in falls)
-        yield Cord(bay, state, strength / length)
-        yield Wall(bay, state, 3.0 * float(size[-1]) / length)
+    return known.load("force along the backbone", kind, spread, text, 0.5 * OTHER_GRAVITY - UNLISTED)
+
+
+def _of_surroundings(known: _Known) -> Iterator[StateLoad]:
+    """Attractions, cords and walls."""
+    force, length = float(known.size[-1]), float(known.state.edges[-1])
+    for bay in range(known.bays):
+        powers = (2, 1, 3) if bay == known.bays - 1 else (2,)
+        yield from (Attraction(bay, known.state, power, TYPICAL * force) for power in powers)
+        yield Cord(bay, known.state, TYPICAL * force / length)
+        yield Wall(bay, known.state, 3.0 * force / length)
+
+
+#: Functions that make the causes, each of one family.
+FAMILIES = (
+    _products,
+    _on_disks,
+    _by_displacement,
+    _functions,
+    _by_direction,
+    _lost_tensions,
+    _remembered,
+    _along_the_backbone,
+    _of_surroundings,
+)
 
 
 def _free(term: Term, state: BayState) -> list[tuple[str, str, Callable[[BayState], Array]]]:
