@@ -206,9 +206,9 @@ class SceneSystem:
         """By robot, tensions and section forces in a state at a time [s]."""
         found = []
         for i, robot in enumerate(self.robots):
-            measured, history = state.configuration.measured[i], state.friction[i]
-            tension, mobilisation = state.base_tension[i], state.mobilisation[i]
-            found.append(robot.model.at_mobilisation(measured, tension, mobilisation, history, time))
+            measured, tension = state.configuration.measured[i], state.base_tension[i]
+            field = robot.law.field(tension, measured.shape, state.mobilisation[i], state.friction[i], time)
+            found.append(TendonForces(robot.model, measured, tension, field))
         return tuple(found)
 
     def residual(
