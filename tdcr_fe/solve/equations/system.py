@@ -26,7 +26,7 @@ from tdcr_fe.solve.equations.band import BandFactors
 from tdcr_fe.solve.equations.configuration import SolverState, StoredState, Target
 from tdcr_fe.solve.equations.contact import ContactStates, refuse_other_states
 from tdcr_fe.solve.equations.kernel import ClampReactions, LoneRobot, Residual, StaticKernel
-from tdcr_fe.solve.equations.layout import Numbering, SceneLayout, zero_bases
+from tdcr_fe.solve.equations.layout import Numbering, SceneLayout
 from tdcr_fe.solve.equations.linearization import (
     BorderedFactors,
     DenseFactors,
@@ -238,8 +238,8 @@ class SceneSystem:
         self._write(state, target, iteration, hold_contact)
         forces = self.forces(state, target.time)
         raw, unbalanced = self._balance(state, target, forces)
-        on_bases = tuple([unbalanced[base].copy() for base in numbering.clamped])
-        zero_bases(unbalanced, numbering.clamped)
+        on_bases = unbalanced[numbering.clamped]
+        unbalanced[numbering.clamped] = 0.0
         size = layout.scales.relative_residual(unbalanced, state.base_tension, target.load_size)
         for part in numbering.robots:
             if part.driven.size:
@@ -253,7 +253,7 @@ class SceneSystem:
         """The reduced residual of a state under a target, where the forces of the robots in that state are known."""
         self._write(state, target)
         _, found = self._balance(state, target, forces)
-        zero_bases(found, numbering.clamped)
+        found[numbering.clamped] = 0.0
         return found
 
     def _write(
