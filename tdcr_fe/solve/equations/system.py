@@ -300,8 +300,8 @@ class SceneSystem:
         approach = np.linalg.norm(self.contact_at(after).relative_positions() - start, axis=1)
         return bool(np.any(approach > limits))
 
-    def scene_tangent(self, residual: Residual) -> Array:
-        """Exudyn's Jacobian: everything but the forces of the tendons and inside the sections.
+    def tangent(self, residual: Residual) -> Array:
+        """Derivative of the reduced residual at fixed friction and tensions at the base.
 
         Parameters
         ----------
@@ -320,7 +320,10 @@ class SceneSystem:
         if user is not None:
             extra = np.asarray(user(self.mbs, residual.target.time, 1.0, 0.0, 1.0).Convert2DenseMatrix())
             j[: extra.shape[0], : extra.shape[1]] += extra
-        return layout.reduction.tangent(j, residual.state.configuration.frames)
+        k = layout.reduction.tangent(j, residual.state.configuration.frames)
+        for own, nodes in zip(residual.forces, layout.space.slices, strict=True):
+            own.add_tangent(k, nodes.start)
+        return k
 
     def tangent_follows_from_elements(self, loads: Sequence[Array]) -> bool:
         """Whether the tangent follows from the elements' stiffness alone, without Exudyn's Jacobian: of one robot.
@@ -333,13 +336,6 @@ class SceneSystem:
             and self.mbs.NumberOfGeneralContacts() == 0
             and self.hooks.user_function("SystemJacobian") is None
         )
-
-    def tangent(self, residual: Residual) -> Array:
-        """Derivative of the reduced residual at fixed friction and tensions at the base; as `scene_tangent`."""
-        k = self.scene_tangent(residual)
-        for own, nodes in zip(residual.forces, self.layout.space.slices, strict=True):
-            own.add_tangent(k, nodes.start)
-        return k
 
     def linearize(self, residual: Residual, numbering: Numbering, damping: float = 0.0) -> Linearization:
         """Linearise equilibrium, with the tensions of tendons with prescribed displacement as further unknowns.
