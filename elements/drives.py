@@ -100,11 +100,6 @@ class TendonDrives:
         scale = [kind.scale(tendon) for kind, tendon in zip(kinds, tendons, strict=True)]
         return cls(kinds, np.array(scale, dtype=float))
 
-    @classmethod
-    def by_tension(cls, count: int) -> TendonDrives:
-        """So many tendons of which the tensions are prescribed."""
-        return cls((TENSION,) * count, np.ones(count))
-
     def replaced(self, index: int, kind: Drive, scale: float) -> TendonDrives:
         """The same with another drive of one tendon, of a scale of its own."""
         scales = self.scale.copy()

@@ -175,15 +175,10 @@ class ForceModel:
         m = length.size
         return CableShape(length[:, None], np.zeros((m, 0)), along=by_nodes.reshape(m, 1, -1))
 
-    def at_mobilisation(
-        self,
-        measured: Measurement,
-        base_tension: Array,
-        mobilisation: Array,
-        state: FrictionState,
-        time: float,
+    def after(
+        self, measured: Measurement, base_tension: Array, state: FrictionState, time: float
     ) -> TendonForces:
-        """Forces where the mobilisations are unknowns of their own.
+        """Forces where the mobilisations follow from the configuration and the history.
 
         Parameters
         ----------
@@ -191,22 +186,10 @@ class ForceModel:
             The configuration.
         base_tension
             Tension at the base [N], shape (m,).
-        mobilisation
-            Shape (m, g).
         state
-            History at the beginning of the step, from which slip rates are counted.
+            History at the beginning of the step.
         time
             At the end of the step [s].
-        """
-        field = self.law.field(base_tension, measured.shape, mobilisation, state, time)
-        return TendonForces(self, measured, base_tension, field)
-
-    def after(
-        self, measured: Measurement, base_tension: Array, state: FrictionState, time: float
-    ) -> TendonForces:
-        """Forces where the mobilisations follow from the configuration and the history.
-
-        Arguments as of `at_mobilisation`.
         """
         field = self.law.evaluate(base_tension, measured.shape, state, time)
         return TendonForces(self, measured, base_tension, field)

@@ -78,7 +78,7 @@ class Segments(NamedTuple):
         """Between holes (n+1, m, 3) [m]; ``exists`` is one or zero for every segment, (n, m)."""
         d = holes[1:] - holes[:-1]
         lengths = np.sqrt((d * d).dot(ONES3))
-        inverse = exists / (lengths + (1.0 - exists))
+        inverse = exists / lengths
         lengths *= exists
         d *= inverse[:, :, None]
         # Half the chord between unit vectors is the sine of half the angle: exact down to the smallest turn.

@@ -16,11 +16,11 @@ import numpy as np
 
 from tdcr_fe.elements import Array, Index
 from tdcr_fe.elements.backbone import BackboneMesh
-from tdcr_fe.elements.drives import DISPLACEMENT, TendonDrives
+from tdcr_fe.elements.drives import DISPLACEMENT, TENSION, TendonDrives
 from tdcr_fe.elements.forces import ForceModel, TendonForces
 from tdcr_fe.elements.friction import TendonLaw
 from tdcr_fe.elements.hysteresis import FrictionState
-from tdcr_fe.elements.native.condensation import ElasticTendons, forces_by_inputs, stretch
+from tdcr_fe.elements.native.condensation import ElasticTendons, at_rest, forces_by_inputs, stretch
 from tdcr_fe.elements.native.coordinates import NodeCoordinates, generalized_forces
 from tdcr_fe.elements.native.history import HistoryNodes, RobotHistory
 from tdcr_fe.elements.native.items import Clamp, Connectors, SystemReference
@@ -41,6 +41,8 @@ class TendonActuation:
         How every tendon is driven.
     inputs : ndarray, shape (m,), or callable
         Tensions [N] and lengths wound [m] at the base, as set or over time.
+    attempt : tuple or None
+        Inputs, and the tendons with them, in the step that is under way.
     """
 
     name: str  # Name of the robot
@@ -59,11 +61,12 @@ class TendonActuation:
     motors: tuple[Motor, ...] = ()
 
     def __post_init__(self) -> None:
-        self.drives = TendonDrives.by_tension(self.law.shape[0])
+        self.drives = TendonDrives((TENSION,) * self.law.shape[0], np.ones(self.law.shape[0]))
         self.inputs: Inputs = np.zeros(self.law.shape[0])
         self._node_coordinates = NodeCoordinates(self.system, self.nodes)
         self._scene_forces = SceneForces(self._node_coordinates)
         self._solved: tuple[Array, RobotHistory, TendonForces] | None = None
+        self.attempt: tuple[Inputs, ElasticTendons] | None = None
         self._force_function: Any = 0
 
     @property
@@ -158,12 +161,12 @@ class TendonActuation:
 
     def input_values(self, t: float = 0.0, configuration: Any = exu.ConfigurationType.Current) -> Array:
         """Tensions [N] and displacements [m] at the base, at time t, with what the motors have wound in the scene."""
-        values = self.values_as_set(t)
-        if not self.motors:
-            return values
+        return wound(self.motors, self.values_as_set(t), self._angles(configuration))
+
+    def _angles(self, configuration: Any = exu.ConfigurationType.Current) -> Array:
+        """Angles of the motors in a configuration of the scene [rad], shape (k,)."""
         data = self.mbs.systemData.GetODE2Coordinates(configuration, copy=False)
-        angles = np.array([data[self.mbs.GetNodeODE2Index(motor.node)] for motor in self.motors])
-        return wound(self.motors, values, angles)
+        return np.array([data[self.mbs.GetNodeODE2Index(motor.node)] for motor in self.motors])
 
     def values_as_set(self, t: float) -> Array:
         """Tensions and displacements at the base as they were set."""
@@ -187,9 +190,7 @@ class TendonActuation:
             if of is history and np.array_equal(before, coordinates):
                 return forces
         positions, rotations, _ = self._node_coordinates.poses(coordinates)
-        measured, friction = self.model.measure(positions, rotations), history.friction
-        given = history.base_tension, friction.mobilisation, friction, friction.time
-        forces = self.model.at_mobilisation(measured, *given)
+        forces = at_rest(self.model, self.model.measure(positions, rotations), history)
         self._solved = coordinates, history, forces
         return forces
 
@@ -269,18 +270,25 @@ class TendonActuation:
         """
         positions, rotations, parameters = self.scene_poses()
         tendons = self.elastic_tendons(self.base_tension, self.state.time)
-        forces = tendons.at_rest(self.model.measure(positions, rotations))
+        forces = at_rest(tendons.elastic, self.model.measure(positions, rotations), tendons.history)
         columns = forces_by_inputs(forces, tendons.driven, stuck, 6 * len(positions))
         found = [generalized_forces(each.reshape(-1, 6), rotations, parameters) for each in columns.T]
         return np.reshape(found, (self.law.shape[0], parameters.size + positions.size)).T
 
-    def _in_step(self, displacements: Sequence[float], t: float) -> tuple[Array, ElasticTendons]:
+    def _in_step(self, displacements: Sequence[float] | Array, t: float) -> tuple[Array, ElasticTendons]:
         """Coordinates of the nodes, and the tendons with what the motors have wound."""
-        moved, values, count = np.array(displacements), self.values_as_set(t), len(self.motors)
+        moved, tendons, count = np.array(displacements), self._as_set(t), len(self.motors)
         if count:
-            values = wound(self.motors, values, moved[-count:])
-            moved = moved[:-count]
-        return moved, self.elastic_tendons(values, t)
+            values = wound(self.motors, tendons.values, moved[-count:])
+            moved, tendons = moved[:-count], replace(tendons, values=values)
+        return moved, tendons
+
+    def _as_set(self, t: float) -> ElasticTendons:
+        """The tendons with inputs as they were set, the same in all iterates of a step up to a time [s]."""
+        inputs, history, last = self.inputs, self.history, self.attempt
+        if last is None or last[0] is not inputs or last[1].history is not history or last[1].time != t:
+            last = self.attempt = inputs, self.elastic_tendons(self.values_as_set(t), t)
+        return last[1]
 
     def elastic_tendons(self, values: Array, t: float) -> ElasticTendons:
         """The tendons as Exudyn's own solvers take them, with the history of the scene.
@@ -291,8 +299,8 @@ class TendonActuation:
 
     def commit_scene(self, t: float) -> None:
         """Commit the scene's current state, solved at time t [s], to the friction history."""
-        coordinates = self._node_coordinates.displacements().reshape(-1)
-        tendons = self.elastic_tendons(self.input_values(t), t)
+        moved = np.append(self._node_coordinates.displacements(), self._angles())
+        coordinates, tendons = self._in_step(moved, t)
         friction, forces = self._scene_forces.step_end(coordinates, tendons)
         driven, tension = tendons.driven, forces.field.tension
         prescribed = np.where(driven, tendons.values, np.nan)

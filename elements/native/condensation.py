@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +20,8 @@ STIFFNESS = 2e6
 ROUND_OFF = 200.0 * float(np.finfo(float).eps)
 
 
-class ElasticTendons(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class ElasticTendons:
     """Tendons of a robot in a step, those that are inextensible and driven by displacement with an elasticity.
 
     In Exudyn's own solvers the tension is not an unknown, so every driven tendon must be elastic.
@@ -34,13 +36,14 @@ class ElasticTendons(NamedTuple):
     def same_step(self, other: ElasticTendons) -> bool:
         """Whether these and others are those of the same attempt of a step."""
         same = self.time == other.time and self.driven is other.driven and self.history is other.history
-        return same and bool((self.values == other.values).all())
+        return same and self.values.tobytes() == other.values.tobytes()
 
-    @property
+    @cached_property
     def iterated(self) -> bool:
         """Whether tensions follow from angles and mobilisations alone, so that holes may be predicted."""
         return self.model.law.simple and not self.driven.any()
 
+    @cached_property
     def elastic(self) -> ForceModel:
         """The forces of these tendons."""
         law = self.model.law
@@ -68,7 +71,7 @@ class ElasticTendons(NamedTuple):
         driven, state, values, t = self.driven, self.history.friction, self.values, self.time
         if not np.any(driven):
             return self.model.after(measured, values, state, t)
-        elastic = self.elastic()
+        elastic = self.elastic
         tension, parameters = np.where(driven, near, values), elastic.law.parameters
         # That of the tension of each: the slope may vanish far from the solution, and is no measure of it.
         length = parameters.lengths.sum(axis=1)
@@ -89,11 +92,12 @@ class ElasticTendons(NamedTuple):
                 break
         return elastic.after(measured, tension, state, t)
 
-    def at_rest(self, measured: Measurement) -> TendonForces:
-        """Forces in a configuration at the tensions and mobilisations of the history."""
-        friction, tension = self.history.friction, self.history.base_tension
-        given = tension, friction.mobilisation, friction, friction.time
-        return self.elastic().at_mobilisation(measured, *given)
+
+def at_rest(model: ForceModel, measured: Measurement, history: RobotHistory) -> TendonForces:
+    """Forces of a model in a configuration, at the tensions and mobilisations of a history."""
+    friction, tension = history.friction, history.base_tension
+    field = model.law.field(tension, measured.shape, friction.mobilisation, friction, friction.time)
+    return TendonForces(model, measured, tension, field)
 
 
 def own_stiffness(model: ForceModel) -> float:

@@ -55,13 +55,15 @@ class HistoryNodes:
     ----------
     nodes : list
         Exudyn's numbers of the nodes.
+    size : int
+        Number of data coordinates of all.
     """
 
     def __init__(self, system: SystemReference, law: TendonLaw, names: Sequence[str]) -> None:
         self._system = system
         (m, n), g = law.shape, law.groups
         size = 4 + 3 * g + 2 * n
-        self._shape = m, size
+        self._shape, self.size = (m, size), m * size
         parts = [slice(int(a), int(b)) for a, b in pairwise(np.cumsum([4, g, g, g, n, n]))]
         self._slip, self._mobilisation, self._rate, self._tension, self._stretch = parts
         #: That of a robot that was never loaded.
@@ -73,11 +75,6 @@ class HistoryNodes:
         for name, row in zip(names, start, strict=True):
             node = eii.NodeGenericData(name=name, numberOfDataCoordinates=size, initialCoordinates=row)
             self.nodes.append(system.mbs.AddNode(node))
-
-    @property
-    def size(self) -> int:
-        """Number of data coordinates."""
-        return self._shape[0] * self._shape[1]
 
     def sensed(self, segments: int) -> dict[str, slice]:
         """Which coordinates of a node are measured by sensors, by quantity.

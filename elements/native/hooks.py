@@ -235,10 +235,10 @@ class SceneHooks:
         def forces(mbs: exu.MainSystem, t: float, item: int, q: Sequence[float], q_t: Sequence[float]) -> Any:
             self._check_counts()
             self.adopt(self.system.mbs)
-            found = np.full(len(q), np.nan)
+            found: Any = [np.nan] * len(q)
             with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):
                 found = actuation.forces_on_coordinates(q, t)
-            if np.isnan(found[0]) and actuation.law.varies:
+            if actuation.law.varies and np.isnan(found[0]):
                 self._step_sizes.check_tensions(self.system.mbs, t, actuation)
             return found
 
@@ -258,6 +258,9 @@ class SceneHooks:
             return
         # None is there before the first call, and where the user has taken all functions away.
         self._users_post_step = present
+        # A run that ended within a step may have been the last one, unseen.
+        for actuation in self.actuations:
+            actuation.attempt = None
         mbs.SetPostStepUserFunction(self._own_post_step)
 
     def user_function(self, kind: str) -> Callable[..., Any] | None:

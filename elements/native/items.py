@@ -69,8 +69,8 @@ def removed(names: Mapping[tuple[str, int], str], mbs: exu.MainSystem) -> bool:
 def item_counts(mbs: exu.MainSystem) -> dict[str, int]:
     """Number of objects, nodes, loads and sensors of a system."""
     of = mbs.systemData
-    numbers = of.NumberOfObjects(), of.NumberOfNodes(), of.NumberOfLoads(), of.NumberOfSensors()
-    return dict(zip(("Object", "Node", "Load", "Sensor"), numbers, strict=True))
+    items = {"Object": of.NumberOfObjects(), "Node": of.NumberOfNodes()}
+    return {**items, "Load": of.NumberOfLoads(), "Sensor": of.NumberOfSensors()}
 
 
 def data_coordinates(mbs: exu.MainSystem, first: Any, count: int, configuration: Any) -> Array:

@@ -30,6 +30,7 @@ from tdcr_fe.elements.capstan import TensionField
 from tdcr_fe.elements.friction import TendonLaw
 from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.native.coordinates import NodeCoordinates, generalized_tangent, twists_by_coordinates
+from tdcr_fe.elements.poses import ONES3
 from tdcr_fe.elements.section_forces import DIFFERENCE, add_element_tangent, nodal_sum, wrench_tangent
 from tdcr_fe.elements.tendons import CableShape
 
@@ -62,7 +63,7 @@ def excess_tangent(coordinates: NodeCoordinates, mesh: BackboneMesh, displacemen
     nodes = before[:, :3] + coordinates.reference[:, :3]
     moved = after[:, :3] - before[:, :3]
     way = moved[1:] - moved[:-1]
-    grown = np.abs(np.einsum("ei,ei->e", 2.0 * (nodes[1:] - nodes[:-1]) + way, way))
+    grown = np.abs(((2.0 * (nodes[1:] - nodes[:-1]) + way) * way).dot(ONES3))
     if not (grown > 2.0 * mesh.lengths * limit / mesh.twist_stiffness[:, 0]).any():
         return None
     positions, rotations, parameters = coordinates.poses(after)

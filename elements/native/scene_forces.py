@@ -10,7 +10,7 @@ import numpy as np
 from tdcr_fe.elements import Array
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.hysteresis import FrictionState
-from tdcr_fe.elements.native.condensation import ElasticTendons, add_condensed
+from tdcr_fe.elements.native.condensation import ElasticTendons, add_condensed, at_rest
 from tdcr_fe.elements.native.coordinates import (
     NodeCoordinates,
     generalized_forces,
@@ -102,7 +102,7 @@ class SceneForces:
         iterate: HoleIterate | None = None
         if before is not None and before.tendons.same_step(tendons):
             kept = by_law and before.holes is not None and before.holes.kept
-            if not kept and (before.coordinates == coordinates).all():
+            if not kept and before.coordinates.tobytes() == coordinates.tobytes():
                 return before
             iterate = before.holes
         positions, rotations, parameters = self._coordinates.poses(coordinates.reshape(-1, 7))
@@ -164,7 +164,7 @@ class SceneForces:
         self._last = found._replace(linearised=True)
         forces = found.forces
         if holes != "present":
-            forces = tendons.at_rest(forces.measured)
+            forces = at_rest(tendons.elastic, forces.measured, tendons.history)
         n = len(found.rotations)
         k = np.zeros((6 * n, 6 * n))
         forces.add_tangent(k)

@@ -140,9 +140,10 @@ class AssembledRobot:
         inputs
             Function of the solver's time [s] (0 to 1 over the load steps of ``SolveStatic``) that returns tension [N],
             displacement [m] or motor's angle [rad] of every tendon in order, shape (n_tendons,). Which of them a value
-            is, the last call of `set_tensions`, `set_displacements` or `set_motor_angles` decides. Every value is
-            checked: one finite number per tendon, no negative tension. A later call of one of these functions ends
-            the function; tendons that it does not name keep what they had at the last solved time.
+            is, the last call of `set_tensions`, `set_displacements` or `set_motor_angles` decides. It is called once in
+            every step that a solver tries. Every value is checked: one finite number per tendon, no negative tension. A
+            later call of one of these functions ends the function; tendons that it does not name keep what they had at
+            the last solved time.
         """
         if not callable(inputs):
             hint = "set_tensions and set_displacements take values."

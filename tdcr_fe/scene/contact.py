@@ -12,6 +12,7 @@ import exudyn.itemInterface as eii
 import numpy as np
 
 from tdcr_fe.elements import Array
+from tdcr_fe.elements.poses import ONES3
 from tdcr_fe.model.loading import Vector
 from tdcr_fe.model.schema import Checked, Keys, Quantity, check_instance
 from tdcr_fe.scene.assembled_robot import AssembledRobot
@@ -297,9 +298,6 @@ def _distance_to_triangle(point: Array, corners: Array) -> float:
     inside = np.linalg.lstsq(np.column_stack((u, v)), point - a, rcond=None)[0]
     if np.all(inside >= 0.0) and inside.sum() <= 1.0:
         return float(np.linalg.norm(a + inside[0] * u + inside[1] * v - point))
-    nearest = np.inf
-    for begin, end in ((0, 1), (1, 2), (2, 0)):
-        edge = corners[end] - corners[begin]
-        along = np.clip((point - corners[begin]) @ edge / (edge @ edge), 0.0, 1.0)
-        nearest = min(nearest, float(np.linalg.norm(corners[begin] + along * edge - point)))
-    return nearest
+    edges = np.roll(corners, -1, axis=0) - corners
+    along = np.clip(((point - corners) * edges) @ ONES3 / ((edges * edges) @ ONES3), 0.0, 1.0)
+    return float(np.linalg.norm(corners + along[:, None] * edges - point, axis=1).min())

@@ -20,6 +20,7 @@ from tdcr_fe.elements import Array
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh, relative_twists
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.native.actuation import TendonActuation
+from tdcr_fe.elements.native.condensation import at_rest
 from tdcr_fe.elements.native.coordinates import NodeCoordinates, twists_by_coordinates
 from tdcr_fe.elements.native.items import data_coordinates
 from tdcr_fe.elements.native.material_damping import MaterialDamping
@@ -169,17 +170,14 @@ class EnergySums:
         self.node = self._system.mbs.AddNode(eii.NodeGenericData(name=name, **sums))
 
     def measure(self, *arguments: Any) -> list[float]:
-        """All columns, as a function of a sensor of Exudyn."""
-        return [float(x) for x in self.values()]
-
-    def values(self) -> Array:
-        """All columns in the current configuration, see `ENERGY_COLUMNS` [J], shape (7,)."""
+        """All columns in the current configuration, see `ENERGY_COLUMNS` [J], as a function of a sensor of Exudyn."""
         motion = NodeMotion.of(self._system.mbs, self._coordinates, _CURRENT)
         robot = self.actuation
         tendons = robot.elastic_tendons(robot.base_tension, robot.state.time)
-        elastic = elastic_energy(robot, motion, tendons.at_rest(self._measured(motion)))
+        resting = at_rest(tendons.elastic, self._measured(motion), tendons.history)
+        elastic = elastic_energy(robot, motion, resting)
         stored = [self.masses.kinetic(motion), elastic, self.masses.potential(motion.positions)]
-        return np.concatenate((stored, self._sums()))
+        return [*stored, *self._sums().tolist()]
 
     def observe(self, t: float) -> None:
         """Add what a step has brought, after it was solved and before its history is committed.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tdcr_fe.elements import Array, Flags, Index
+from tdcr_fe.elements import Array, Flags
 from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh, gauss_arc_lengths, reference_poses
 from tdcr_fe.elements.forces import ForceModel, SideSprings
 from tdcr_fe.elements.friction import FRICTION_MODELS, TendonLaw, TendonParameters
@@ -47,8 +47,10 @@ def force_model(
     section = section_forces(robot, mesh, rigid, continuous)
     geometry = None
     if not continuous:
-        geometry = cable_geometry(robot)
-        lengths, mask = cable_lengths(geometry, mesh, hole_nodes), geometry.mask
+        geometry, poses = cable_geometry(robot), reference_poses(mesh, np.zeros(3), BEAM_TO_SECTION)
+        # Of the unloaded robot, with tendons shifted in their holes.
+        lengths = geometry.evaluate(*(own[hole_nodes] for own in poses)).lengths
+        mask = geometry.mask
     else:
         assert section is not None and section.tendons is not None
         lengths = section.tendons.evaluate(mesh.reference_twists, mesh.lengths)[0][:, None]
@@ -75,12 +77,6 @@ def cable_geometry(robot: Robot) -> CableGeometry:
         mask[i, :count] = True
     clearance = np.array([t.clearance for t in robot.tendons])
     return CableGeometry(offsets, mask, clearance)
-
-
-def cable_lengths(geometry: CableGeometry, mesh: BackboneMesh, hole_nodes: Index) -> Array:
-    """Lengths of all segments of the unloaded robot [m], shape (m, n), with tendons shifted in their holes."""
-    positions, rotations = reference_poses(mesh, np.zeros(3), BEAM_TO_SECTION)
-    return geometry.evaluate(positions[hole_nodes], rotations[hole_nodes]).lengths
 
 
 def tendon_law(robot: Robot, friction: str, lengths: Array, mask: Flags, hysteresis: Hysteresis) -> TendonLaw:

@@ -186,11 +186,11 @@ def test_elastic_tendons_have_the_displacements_of_their_drives_in_any_shape(hys
     moved, tendons, worst = nodes.displacements(), handle.actuation.elastic_tendons(at, 1.0), 0.0
     for values in at + rng.uniform(-3e-5, 3e-5, (200, 3)):
         measured = model.measure(*nodes.poses(moved * (1.0 + 0.03 * rng.normal()))[:2])
-        forces = tendons._replace(values=values).forces(measured, tendons.history.base_tension)
+        forces = replace(tendons, values=values).forces(measured, tendons.history.base_tension)
         tension, field = forces.base_tension, forces.field
         worst = max(worst, np.abs(values - field.base_slip)[tension > 0.0].max(initial=0.0))
         after = replace(tendons.history, friction=law.commit(field), base_tension=tension)
-        tendons = tendons._replace(history=after, time=tendons.time + 1.0)
+        tendons = replace(tendons, history=after, time=tendons.time + 1.0)
     assert worst < 1e-12
 
 

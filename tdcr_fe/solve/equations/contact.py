@@ -173,6 +173,8 @@ class ContactStates:
     ----------
     present : bool
         Whether there is any contact.
+    general_motion_limit : float
+        By how much a node may move without jumping over one of a ``GeneralContact`` that moves as far [m].
     """
 
     def __init__(
@@ -192,7 +194,7 @@ class ContactStates:
         self._markers, numbers = np.unique(pairs, return_inverse=True)
         self._pairs = numbers.reshape(-1, 2)
         general = general_spheres(mbs)
-        self._general_size = min((spheres.size for spheres in general), default=np.inf)
+        self.general_motion_limit = 0.5 * min((spheres.size for spheres in general), default=np.inf)
         # Spheres that lie in each other from the beginning are built so, as those of a wall.
         reference = exu.ConfigurationType.Reference
         self._general_spheres = [(spheres, spheres.centers_inside(mbs, reference)) for spheres in general]
@@ -223,16 +225,8 @@ class ContactStates:
         data: Array = self._mbs.systemData.GetDataCoordinates(exu.ConfigurationType.Current, copy=False)
         if np.any(data[self._gaps] < -self._depths):
             return True
-        current = exu.ConfigurationType.Current
-        return any(
-            bool(np.any(spheres.centers_inside(self._mbs, current) & ~built))
-            for spheres, built in self._general_spheres
-        )
-
-    @property
-    def general_motion_limit(self) -> float:
-        """By how much a node may move without jumping over one of a ``GeneralContact`` that moves as far [m]."""
-        return 0.5 * self._general_size
+        now = self._mbs, exu.ConfigurationType.Current
+        return any((spheres.centers_inside(*now) & ~built).any() for spheres, built in self._general_spheres)
 
     def approach_limits(self) -> Array:
         """By how much the bodies of every pair may approach without jumping over each other [m], shape (n_pairs,)."""

@@ -197,7 +197,7 @@ class Residual(NamedTuple):
     target: Target
     forces: tuple[TendonForces, ...]  # By robot
     unbalanced: Array  # Reduced residual; zero at clamped bases, whose joints provide the reactions
-    on_bases: tuple[Array, ...]  # (6,): By clamped robot, the wrench on its base
+    on_bases: Array  # (c, 6): By clamped robot, the wrench on its base
     raw: Array  # Exudyn's residual
     size: float  # Largest residual over its scale, prescribed displacements included [1]
 

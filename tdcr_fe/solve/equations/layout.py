@@ -201,9 +201,10 @@ class Numbering(NamedTuple):
         return _replaced(by_robot, [part.driven for part in self.robots], values)
 
     @property
-    def clamped(self) -> tuple[slice, ...]:
-        """Unknowns of the clamped bases."""
-        return tuple([slice(p.nodes.start, p.nodes.start + 6) for p in self.robots if p.clamped])
+    def clamped(self) -> Index:
+        """Unknowns of the clamped bases, shape (c, 6)."""
+        first = np.array([part.nodes.start for part in self.robots if part.clamped], dtype=int)
+        return first[:, None] + np.arange(6)
 
     @property
     def any_driven(self) -> bool:
@@ -232,20 +233,6 @@ def _replaced(
         last = first + len(new[places])
         new[places], first = values[first:last], last
     return found
-
-
-def zero_bases(rows: Array, clamped: Sequence[slice]) -> None:
-    """Set the rows of clamped bases to zero, in place.
-
-    Parameters
-    ----------
-    rows
-        Shape (n,) or (n, k), beginning with the unknowns of the reduced scene.
-    clamped
-        Unknowns of clamped bases.
-    """
-    for base in clamped:
-        rows[base] = 0.0
 
 
 @dataclass(frozen=True, eq=False)

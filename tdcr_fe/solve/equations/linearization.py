@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import isfinite
 from typing import NamedTuple
 
@@ -13,11 +12,10 @@ from tdcr_fe.elements import Array, Flags, Index
 from tdcr_fe.elements.backbone import BackboneMesh, ElementChain, NodeStiffness
 from tdcr_fe.elements.complementarity import positive_definite_near, solve_box
 from tdcr_fe.elements.forces import TendonForces
-from tdcr_fe.elements.poses import EYE6
 from tdcr_fe.solve.equations.band import BandFactors
 from tdcr_fe.solve.equations.configuration import SolverState, Target
 from tdcr_fe.solve.equations.kernel import Residual
-from tdcr_fe.solve.equations.layout import Numbering, zero_bases
+from tdcr_fe.solve.equations.layout import Numbering
 
 
 class DenseFactors(NamedTuple):
@@ -87,7 +85,7 @@ class BorderedFactors(NamedTuple):
             rows[here, part.nodes] = at.base_slip_rows()[which]
             own[here] = at.base_slip_by_base()[which]
             slack[here] = at.base_tension[which] <= 0.0
-        zero_bases(columns, numbering.clamped)
+        columns[numbering.clamped] = 0.0
         response = inner.solve(columns)
         schur = np.diag(own) - rows @ response
         return cls(inner, response, rows, schur, slack, _border(schur, slack))
@@ -250,7 +248,7 @@ class Linearization(NamedTuple):
                 free = free.copy()
                 free[part.driven] = 0.0
             right[part.nodes] = -(self.forces[part.robot].base_tension_columns() @ free)
-        zero_bases(right, self.numbering.clamped)
+        right[self.numbering.clamped] = 0.0
         return self.factorisation.solve(right)
 
     def complementarity_step(
@@ -333,8 +331,7 @@ def damping_of_node(damping: float, length: float) -> Array:
     return np.array([damping / length**2] * 3 + [damping] * 3)
 
 
-def hold(k: Array, bases: Sequence[slice]) -> None:
-    """Replace the equations of clamped bases by zero increments."""
-    zero_bases(k, bases)
-    for base in bases:
-        k[base, base] = EYE6
+def hold(k: Array, bases: Index) -> None:
+    """Replace the equations of clamped bases, see `Numbering.clamped`, by zero increments."""
+    k[bases] = 0.0
+    k[bases, bases] = 1.0

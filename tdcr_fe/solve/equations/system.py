@@ -26,7 +26,7 @@ from tdcr_fe.solve.equations.band import BandFactors
 from tdcr_fe.solve.equations.configuration import SolverState, StoredState, Target
 from tdcr_fe.solve.equations.contact import ContactStates, refuse_other_states
 from tdcr_fe.solve.equations.kernel import ClampReactions, LoneRobot, Residual, StaticKernel
-from tdcr_fe.solve.equations.layout import Numbering, SceneLayout, zero_bases
+from tdcr_fe.solve.equations.layout import Numbering, SceneLayout
 from tdcr_fe.solve.equations.linearization import (
     BorderedFactors,
     DenseFactors,
@@ -207,9 +207,9 @@ class SceneSystem:
         """By robot, tensions and section forces in a state at a time [s]."""
         found = []
         for i, robot in enumerate(self.robots):
-            measured, history = state.configuration.measured[i], state.friction[i]
-            tension, mobilisation = state.base_tension[i], state.mobilisation[i]
-            found.append(robot.model.at_mobilisation(measured, tension, mobilisation, history, time))
+            measured, tension = state.configuration.measured[i], state.base_tension[i]
+            field = robot.law.field(tension, measured.shape, state.mobilisation[i], state.friction[i], time)
+            found.append(TendonForces(robot.model, measured, tension, field))
         return tuple(found)
 
     def residual(
@@ -239,8 +239,8 @@ class SceneSystem:
         self._write(state, target, iteration, hold_contact)
         forces = self.forces(state, target.time)
         raw, unbalanced = self._balance(state, target, forces)
-        on_bases = tuple([unbalanced[base].copy() for base in numbering.clamped])
-        zero_bases(unbalanced, numbering.clamped)
+        on_bases = unbalanced[numbering.clamped]
+        unbalanced[numbering.clamped] = 0.0
         size = layout.scales.relative_residual(unbalanced, state.base_tension, target.load_size)
         for part in numbering.robots:
             if part.driven.size:
@@ -254,7 +254,7 @@ class SceneSystem:
         """The reduced residual of a state under a target, where the forces of the robots in that state are known."""
         self._write(state, target)
         _, found = self._balance(state, target, forces)
-        zero_bases(found, numbering.clamped)
+        found[numbering.clamped] = 0.0
         return found
 
     def _write(
@@ -301,8 +301,8 @@ class SceneSystem:
         approach = np.linalg.norm(self.contact_at(after).relative_positions() - start, axis=1)
         return bool(np.any(approach > limits))
 
-    def scene_tangent(self, residual: Residual) -> Array:
-        """Exudyn's Jacobian: everything but the forces of the tendons and inside the sections.
+    def tangent(self, residual: Residual) -> Array:
+        """Derivative of the reduced residual at fixed friction and tensions at the base.
 
         Parameters
         ----------
@@ -321,7 +321,10 @@ class SceneSystem:
         if user is not None:
             extra = np.asarray(user(self.mbs, residual.target.time, 1.0, 0.0, 1.0).Convert2DenseMatrix())
             j[: extra.shape[0], : extra.shape[1]] += extra
-        return layout.reduction.tangent(j, residual.state.configuration.frames)
+        k = layout.reduction.tangent(j, residual.state.configuration.frames)
+        for own, nodes in zip(residual.forces, layout.space.slices, strict=True):
+            own.add_tangent(k, nodes.start)
+        return k
 
     def tangent_follows_from_elements(self, loads: Sequence[Array]) -> bool:
         """Whether the tangent follows from the elements' stiffness alone, without Exudyn's Jacobian: of one robot.
@@ -334,13 +337,6 @@ class SceneSystem:
             and self.mbs.NumberOfGeneralContacts() == 0
             and self.hooks.user_function("SystemJacobian") is None
         )
-
-    def tangent(self, residual: Residual) -> Array:
-        """Derivative of the reduced residual at fixed friction and tensions at the base; as `scene_tangent`."""
-        k = self.scene_tangent(residual)
-        for own, nodes in zip(residual.forces, self.layout.space.slices, strict=True):
-            own.add_tangent(k, nodes.start)
-        return k
 
     def linearize(self, residual: Residual, numbering: Numbering, damping: float = 0.0) -> Linearization:
         """Linearise equilibrium, with the tensions of tendons with prescribed displacement as further unknowns.

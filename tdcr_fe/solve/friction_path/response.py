@@ -15,7 +15,7 @@ import numpy as np
 from tdcr_fe.elements import Array, Index
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.solve.equations.configuration import SolverState, Target
-from tdcr_fe.solve.equations.layout import Numbering, zero_bases
+from tdcr_fe.solve.equations.layout import Numbering
 from tdcr_fe.solve.equations.linearization import BorderedFactors, Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.friction_path.follow import FrictionPath
@@ -100,7 +100,7 @@ class SegmentResponse(NamedTuple):
         """
         (lengths, angles, by_angle), factors = _segments(at, tendons), at.linearization.factorisation
         right = np.asfortranarray(np.column_stack((lengths.T, -load)))
-        zero_bases(right, at.numbering.clamped)
+        right[at.numbering.clamped] = 0.0
         moved = (factors.inner if isinstance(factors, BorderedFactors) else factors).solve(right)
         turned = angles @ moved
         every, added = np.concatenate((moved, lengths @ moved, turned)), by_angle @ turned

@@ -119,10 +119,8 @@ class SubstepSolver:
 
     def may_be_halved(self, length: float, status: NewtonStatus) -> bool:
         """Whether a substep of this length that did not converge is divided."""
-        passed = status is NewtonStatus.CONTACT_PASSED
-        return length > (
-            min(SMALLEST_PART, self.settings.min_substep) if passed else self.settings.min_substep
-        )
+        least = self.settings.min_substep
+        return length > (min(SMALLEST_PART, least) if status is NewtonStatus.CONTACT_PASSED else least)
 
     def is_smooth(self, load_factor: float) -> bool:
         """Whether nothing but a robot resists at a load factor, and inputs and loads are linear in the load step."""

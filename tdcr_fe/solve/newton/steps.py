@@ -21,7 +21,7 @@ from tdcr_fe.elements.hysteresis import ACCEPTED, Hysteresis
 from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.kernel import Residual
-from tdcr_fe.solve.equations.layout import Numbering, zero_bases
+from tdcr_fe.solve.equations.layout import Numbering
 from tdcr_fe.solve.equations.linearization import BorderedFactors, Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
 
@@ -104,7 +104,7 @@ class FrictionCoupling(NamedTuple):
                 by_base[slack[part.robot]] = 0.0
                 columns[part.tensions, here] = by_base
                 rows[here, part.tensions] = by_tension[:, part.driven]
-        zero_bases(columns, numbering.clamped)
+        columns[numbering.clamped] = 0.0
         return cls(columns, rows, own)
 
     def response(

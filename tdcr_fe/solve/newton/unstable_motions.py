@@ -52,8 +52,7 @@ def unstable_motions(system: SceneSystem, residual: Residual) -> Array:
         linear = system.linearize(residual, system.numbering())
     except LinAlgError:
         return none
-    for base in linear.numbering.clamped:
-        free[base] = False
+    free[linear.numbering.clamped] = False
     scale = np.sqrt(np.tile(damping_of_node(1.0, system.length), system.layout.reduction.nodes)[free])
     compliance = scale[:, None] * _compliance(system, residual, linear, np.flatnonzero(free)) * scale
     least = ROUND_OFF * float(np.abs(compliance).max())

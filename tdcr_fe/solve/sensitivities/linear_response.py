@@ -22,7 +22,7 @@ from tdcr_fe.model.results import LocalResponse
 from tdcr_fe.model.schema import check_instance
 from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.solve.equations.configuration import SolverState, Target
-from tdcr_fe.solve.equations.layout import Numbering, RobotUnknowns, zero_bases
+from tdcr_fe.solve.equations.layout import Numbering, RobotUnknowns
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.newton.steps import FrictionCoupling
@@ -179,7 +179,7 @@ class SolvedPoint:
             right[: numbering.reduced, -1] -= unbalanced
         for part, disturbance in zip(numbering.robots, disturbances, strict=True):
             self._enter(right, part, disturbance)
-        zero_bases(right, numbering.clamped)
+        right[numbering.clamped] = 0.0
         unknowns = self.linearization.factorisation.solve(right)
         changes = [np.zeros((*x.shape, count)) for x in self.sticking]
         found = self._tendons(unknowns, disturbances, changes)
