@@ -2,6 +2,7 @@
 
 import gc
 import weakref
+from contextlib import nullcontext
 
 import exudyn as exu
 import numpy as np
@@ -116,6 +117,20 @@ def test_a_state_recorded_in_contact_is_gone_on_from(kind):
 
 
 # ---------------------------------------------------------------- files and variations
+
+
+def test_after_a_failed_run_inputs_over_time_are_asked_anew():
+    """They are kept in a step; the run after one that failed in its only step has the same time and history."""
+    _keep, mbs, handle = scene(seven(0.3))
+    settings, given = recommended(handle, 1.0, 1.0), [0.0, 0.0, 0.0]
+    handle.set_inputs_over_time(lambda t: given)
+    settings.staticSolver.adaptiveStep = False
+    for tension, iterations, fails in ((0.07, 50, False), (9.0, 3, True), (0.05, 50, False)):
+        given[0], settings.staticSolver.newton.maxIterations = tension, iterations
+        mbs.SetPostStepUserFunction(lambda mbs, t: True)
+        with pytest.raises(exu.SolverError) if fails else nullcontext():
+            mbs.SolveStatic(settings)
+    assert handle.tensions()["t1"][0] == pytest.approx(0.05)
 
 
 def test_frames_of_a_solution_file_restore_the_run(tmp_path):
