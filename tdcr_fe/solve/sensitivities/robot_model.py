@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -161,15 +162,33 @@ class TendonStack:
         size, m, shape = self.size, len(point.base_tension), self._shape(point, nodes)
         mobilisation, base = np.tile(point.mobilisation, (size, 1)), np.tile(point.base_tension, size)
         rates = rates.reshape(size * m, rates.shape[2])
-        # No time passes, so that the rates are those given.
-        state = FrictionState(np.zeros_like(rates), mobilisation, rates)
-        field = self.law.field(base, shape, mobilisation, state, state.time)
-        tension, released = (x.reshape(size, m, x.shape[1]) for x in (field.tension, field.released_length))
+        tension, released = np.zeros((2, *self.law.shape))
+        for which, law in self._by_laws:
+            # No time passes, so that the rates are those given.
+            own = FrictionState(np.zeros_like(rates[which]), mobilisation[which], rates[which])
+            cables = CableShape(shape.lengths[which], shape.angles[which])
+            field = law.field(base[which], cables, own.mobilisation, own, own.time)
+            tension[which], released[which] = field.tension, field.released_length
         wrenches = np.zeros((size, 0, 6))
         if self.geometry is not None:
-            each = shape.lines.wrenches_of_each(field.tension)
+            each = shape.lines.wrenches_of_each(tension)
             wrenches = each.reshape(len(each), size, m, 6).sum(axis=2).swapaxes(0, 1)
+        tension, released = (x.reshape(size, m, x.shape[1]) for x in (tension, released))
         return Values(wrenches, tension, released)
+
+    @cached_property
+    def _by_laws(self) -> list[tuple[Index | slice, TendonLaw]]:
+        """Tendons with laws of their coefficients, which take an iteration, and those without, each with their law."""
+        law = self.law
+        if not law.varies:
+            return [(slice(None), law)]
+        parts: list[tuple[Index | slice, TendonLaw]] = []
+        follow = law.parameters.follows.any(axis=1)
+        for which in (np.flatnonzero(follow), np.flatnonzero(~follow)):
+            own = {name: getattr(law.parameters, name)[which] for name in _TABLES}
+            parameters = TendonParameters(**own, laws=tuple(law.parameters.laws[i] for i in which))
+            parts.append((which, TendonLaw(parameters, law.model, law.hysteresis)))
+        return parts
 
     def _shape(self, point: RobotPoint, nodes: Index) -> CableShape:
         if self.geometry is not None:
