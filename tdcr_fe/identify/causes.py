@@ -234,13 +234,16 @@ class PointForce(StateLoad):
     def __init__(self, name: str, sentence: str, bay: int, state: BayState, law: Numbers) -> None:
         self.at, self.bay, self.reach = float(state.edges[bay + 1]), bay, 0.5 * float(state.edges[-1])
         where, far = end_of_bay(state.edges, bay), 20.0 * self.reach
-        point = (Parameter(a, "m", -far, far, 0.0, 0.05 * self.reach, f"{a} of the point") for a in "xyz")
+        point = (Parameter(a, "m", -far, far, 0.0, 0.05 * self.reach, f"{a} of {self.place}") for a in "xyz")
         kind, price = Kind("force", ("position",), where), math.log(state.choices(bay))
         super().__init__(f"{name} ({where})", kind, (*point, *law), (), sentence, price)
         self.declared = state.moved[:, bay]
 
     #: The parameter that is zero where nothing acts.
     strength = "k"
+
+    #: The fixed point in words.
+    place = "the point"
 
     def times(self, factor: Array | float, strength: Array) -> Array:
         """The strengths of forces so many times as large."""
@@ -378,11 +381,12 @@ class Wall(PointForce):
     """
 
     strength = "share"
+    place = "the wall's point nearest to the origin"
 
     def __init__(self, bay: int, state: BayState, stiffness: float) -> None:
-        meaning = "of the way beyond the wall that it takes back"
+        meaning = "part of the way beyond the wall that it takes back"
         share = Parameter("share", "1", 0.0, 0.9999, 0.0, 0.01, meaning)
-        super().__init__("wall", "a force that a flat wall pushes back with", bay, state, (share,))
+        super().__init__("wall", "a force of a flat wall that grows with the depth", bay, state, (share,))
         self.stiffness = stiffness * (2.0 * self.reach / self.at) ** 3
 
     def force(self, moved: Array, values: Values) -> Array:
