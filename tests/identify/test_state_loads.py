@@ -165,9 +165,8 @@ def test_a_load_that_hardly_comes_nearer_to_balance_is_given_up(monkeypatch):
     missing = iter((1.0, 0.9))
 
     def hardly(loads, values, run, robot):
-        return Agreement(
-            run.acted.action, np.zeros((*run.bays.rotation.shape[:1], 24, 1)), run.bays, next(missing)
-        )
+        unchanged = np.zeros((len(run.bays.rotation), 24, 1))
+        return Agreement(run.acted.action, unchanged, run.bays, next(missing))
 
     monkeypatch.setattr(derivatives, "agreed", hardly)
     assert not under(declared()[0], load_of(HARDENING), {"coefficient": 1e-3}).solved

@@ -70,11 +70,8 @@ def test_the_other_side_of_a_buckled_rod_is_a_jump():
 
 def test_a_large_turn_is_solved_in_halves_where_no_judged_run_is_near():
     """12 N turn the tip by 7.9 rad, 11.5 N by 0.3 rad less, 9 N by 2 rad less."""
-    model, settings, spent = (
-        Model(friction="none", elements_per_bay=2),
-        SolverSettings(mesh_tolerance=np.inf),
-        [],
-    )
+    model, settings = Model(friction="none", elements_per_bay=2), SolverSettings(mesh_tolerance=np.inf)
+    spent = []
     for near in (11.5, 9.0):
         simulate(single(), model, pull(near), settings, record_path=(path := []))
         (step,) = simulate(single(), model, pull(12.0), settings, reference_path=path).steps

@@ -1,6 +1,7 @@
 """Derivatives by parameters equal central differences of whole simulations along the same substeps."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
 from tdcr_fe.model.robot import Disks, Robot, SideSpring, Spool, TightHole
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter, effect_parameter, parameters
+from tdcr_fe.solve.sensitivities.sensitivity import _load_factor_change
 from tdcr_fe.validation.random_robots import draw
 
 DISKS = Disks.equally_spaced(5, LENGTH, mass=2e-4, radius=5e-3)
@@ -291,3 +293,12 @@ def test_the_coefficient_of_all_tendons_is_that_of_those_without_a_law() -> None
     (mu,) = parameters(mixed, ["tendons.friction_coefficient"])
     found = [t.friction_coefficient for t in mu.apply(mixed, 0.35).robot.tendons]
     assert found == pytest.approx([0.0, 0.35, 0.35])
+
+
+def test_what_touches_its_bound_at_rest_has_no_load_factor():
+    """In a measured robot with backlash: a division by zero, and no derivative from there on."""
+    tendons = [SimpleNamespace(mobilisation=np.array([[0.3, 0.0]]))]
+    point, numbering = SimpleNamespace(slipping=np.array([True]), pulling=None), SimpleNamespace()
+    numbering.at_frictional_holes = np.concatenate
+    given = point, SimpleNamespace(numbering=numbering), SimpleNamespace(tendons=tendons), ()
+    assert _load_factor_change(*given) == 0.0

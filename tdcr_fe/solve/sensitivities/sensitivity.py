@@ -392,7 +392,8 @@ def _load_factor_change(
         arriving = numbering.at_driven(slack)[pulling]
     else:
         return 0.0
-    return np.asarray(-arriving[0, :-1] / arriving[0, -1])
+    # What only touches its bound, at rest, comes there at no load factor that changes.
+    return np.asarray(-arriving[0, :-1] / arriving[0, -1]) if arriving[0, -1] != 0.0 else 0.0
 
 
 def models_around(
