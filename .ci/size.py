@@ -30,7 +30,7 @@ BUDGET = {
     "tdcr_fe/commands": 762,
     "tdcr_fe/effects": 1178,
     "tdcr_fe/estimate": 1462,
-    "tdcr_fe/identify": 6242,
+    "tdcr_fe/identify": 6244,
     "tdcr_fe/io": 1726,
     "tdcr_fe/live": 349,
     "tdcr_fe/model": 2406,

@@ -231,6 +231,12 @@ class PointForce(StateLoad):
         Its `strength` first, and for a cord ``slack``, the distance from which on it pulls.
     """
 
+    #: The parameter that is zero where nothing acts.
+    strength = "k"
+
+    #: The fixed point in words.
+    place = "the point"
+
     def __init__(self, name: str, sentence: str, bay: int, state: BayState, law: Numbers) -> None:
         self.at, self.bay, self.reach = float(state.edges[bay + 1]), bay, 0.5 * float(state.edges[-1])
         where, far = end_of_bay(state.edges, bay), 20.0 * self.reach
@@ -239,11 +245,9 @@ class PointForce(StateLoad):
         super().__init__(f"{name} ({where})", kind, (*point, *law), (), sentence, price)
         self.declared = state.moved[:, bay]
 
-    #: The parameter that is zero where nothing acts.
-    strength = "k"
-
-    #: The fixed point in words.
-    place = "the point"
+    def position(self, moved: Array) -> Array:
+        """Where the point of the backbone is that has moved so far [m], shape (K, 3) both."""
+        return np.asarray(np.array([0.0, 0.0, self.at]) + moved)
 
     def times(self, factor: Array | float, strength: Array) -> Array:
         """The strengths of forces so many times as large."""
@@ -265,7 +269,7 @@ class PointForce(StateLoad):
 
     def force(self, moved: Array, values: Values) -> Array:
         """On the point of the backbone where that has moved so far [N], shape (K, 3) both."""
-        apart = np.array([values[a] for a in ("x", "y", "z")]) - np.array([0.0, 0.0, self.at]) - moved
+        apart = np.array([values[a] for a in ("x", "y", "z")]) - self.position(moved)
         distance = np.sqrt(np.sum(apart**2, axis=1) + (1e-3 * self.reach) ** 2)  # never quite zero
         return np.asarray((self.pull(distance, values) / distance)[:, None] * apart)
 
@@ -293,7 +297,7 @@ class PointForce(StateLoad):
         """Points around the robot, at several distances from its middle; ``moved``: as in `force`."""
         length = 2.0 * self.reach
         middle = np.array([0.0, 0.0, 0.6 * length])
-        path = np.array([0.0, 0.0, self.at]) + moved
+        path = self.position(moved)
         for distance in self.distances:
             for direction in _DIRECTIONS:
                 point = middle + distance * length * direction
@@ -393,7 +397,7 @@ class Wall(PointForce):
         """See `PointForce.force`."""
         foot = np.array([values[a] for a in ("x", "y", "z")])
         distance = max(float(np.linalg.norm(foot)), 1e-6 * self.reach)
-        depth = (np.array([0.0, 0.0, self.at]) + moved) @ foot / distance - distance
+        depth = self.position(moved) @ foot / distance - distance
         k = self.stiffness * values["share"] / (1.0 - values["share"])
         return np.asarray(-k * np.outer(np.maximum(depth, 0.0), foot / distance))
 
@@ -404,7 +408,7 @@ class Wall(PointForce):
 
     def tries(self, moved: Array) -> Iterator[dict[str, float]]:
         """Walls that are touched in most rows, and in a few; ``moved``: as in `force`."""
-        path = np.array([0.0, 0.0, self.at]) + moved
+        path = self.position(moved)
         for direction in _DIRECTIONS:
             for distance in np.nanquantile(path @ direction, (0.3, 0.8)):
                 if distance > 0.05 * self.reach:
