@@ -80,6 +80,11 @@ class BackboneMesh:
         twists[:, 3:] = self.lengths[:, None] * self.precurvature
         return twists
 
+    @cached_property
+    def flexibility(self) -> float:
+        """Rotation of the tip by a unit bending moment all along [rad/(N m)]."""
+        return float(np.sum(self.lengths / self.stiffness[:, 5]))
+
     def gradient(self, twists: Array) -> Array:
         """Gradient of the elastic energy by the twists of the elements, shape (..., E, 6)."""
         return self.twist_stiffness * (twists - self.reference_twists)

@@ -195,6 +195,14 @@ class ForceModel:
         return TendonForces(self, measured, base_tension, field)
 
 
+class SlipEquations(NamedTuple):
+    """Derivatives of slips [m] by the nodes, and by what causes them: tensions at the base, then mobilisations."""
+
+    rows: Array  # (m + k, 6 N): By body-frame increments of the nodes
+    matrix: Array  # (m + k, m + k): By the tensions at the base, then by the mobilisations of all frictional holes
+    columns: Array  # (6 N, m + k): Of the forces on the nodes by the same
+
+
 @dataclass(eq=False)
 class TendonForces:
     """Tensions and section forces in one configuration, with their derivatives.
@@ -263,7 +271,7 @@ class TendonForces:
         if law.elastic:
             return law.slips(self.tendon_change(nodes[:, None], base_tension[:, None])[1][..., 0])
         moved = nodes if self.model.columns is None else nodes[self.model.columns]
-        return law.slips(self.field.released_d_length * (self.measured.shape.d_lengths @ moved))
+        return law.slips(self.field.released_d_length * self.measured.shape.length_change(moved))
 
     @property
     def resting_flexibility(self) -> Array:
@@ -271,41 +279,26 @@ class TendonForces:
         at = self.field.mobilisation
         return self.model.law.hysteresis.flexibility(at, np.zeros_like(at))
 
-    def slip_rows(self) -> tuple[Array, Array, Array]:
-        """Derivatives of the slips that drive the frictional mobilisations.
-
-        Returns
-        -------
-        by_nodes : ndarray, shape (k, 6 N)
-        by_base_tension : ndarray, shape (k, m)
-        by_mobilisation : ndarray, shape (k, k)
-        """
-        f, law = self.field, self.model.law
-        frictional = law.frictional
-        tendon, group = np.nonzero(frictional)
-        of_tendon = tendon[:, None] == np.arange(len(frictional))
-        by_nodes = self.to_all_nodes((law.slip_operator @ self.released_by_holes)[frictional])
-        if not law.elastic:
-            return by_nodes, np.zeros(of_tendon.shape), np.zeros((len(tendon),) * 2)
-        stretched = law.slip_operator * f.released_d_tension[:, None, :]
-        by_base = (stretched @ f.d_base[:, :, None])[frictional]
-        by_mobilisation = (stretched @ f.by_mobilisation)[tendon[:, None], group[:, None], group]
-        by_mobilisation = by_mobilisation * (tendon[:, None] == tendon)
-        return by_nodes, by_base * of_tendon, by_mobilisation
-
-    def base_slip_rows(self) -> Array:
-        """Derivative of the slip at the base plate by the nodes, shape (m, 6 N)."""
-        return self.to_all_nodes(self.released_by_holes.sum(axis=1))
+    def slip_equations(self, holes: bool = True) -> SlipEquations:
+        """Slips of all tendons at the base plate, and with ``holes`` at all frictional holes, linearised."""
+        field, law, shape = self.field, self.model.law, self.measured.shape
+        m, n = law.shape
+        operator, by_unknown = np.ones((1, n)), field.d_base[:, :, None]
+        tendon, entry = np.arange(m), np.zeros(m, dtype=int)
+        if holes:
+            operator = np.concatenate((operator, law.slip_operator))
+            by_unknown = np.concatenate((by_unknown, field.by_mobilisation), axis=2)
+            at_holes, group = np.nonzero(law.frictional)
+            tendon, entry = np.concatenate((tendon, at_holes)), np.concatenate((entry, 1 + group))
+        rows = (operator @ self.released_by_holes)[tendon, entry]
+        columns = (-by_unknown.swapaxes(1, 2) @ shape.d_lengths)[tendon, entry]
+        own = (operator * field.released_d_tension[:, None]) @ by_unknown
+        matrix = np.where(tendon[:, None] == tendon, own[tendon[:, None], entry[:, None], entry], 0.0)
+        return SlipEquations(self.to_all_nodes(rows), matrix, self.to_all_nodes(columns).T)
 
     def base_slip_by_base(self) -> Array:
         """Derivative of the slip at the base plate by the tension there [m/N], shape (m,)."""
         return np.einsum("mn,mn->m", self.field.released_d_tension, self.field.d_base)
-
-    def base_slip_by_mobilisation(self) -> Array:
-        """Derivative of the slip at the base plate by the frictional mobilisations [m], shape (m, k)."""
-        frictional = self.model.law.frictional
-        d = np.einsum("mn,mng->mg", self.field.released_d_tension, self.field.by_mobilisation)[frictional]
-        return d * (np.nonzero(frictional)[0] == np.arange(len(frictional))[:, None])
 
     # ------------------------------------------------------------------ forces on the nodes
 
@@ -332,15 +325,9 @@ class TendonForces:
             np.add.at(total[:, :3], self.model.springs.nodes, self.model.springs.forces(*self.measured.poses))
         return total
 
-    def mobilisation_columns(self) -> Array:
-        """Derivative of the force on the nodes by the frictional mobilisations, shape (6 N, k)."""
-        d = -np.swapaxes(self.field.by_mobilisation, 1, 2) @ self.measured.shape.d_lengths
-        return self.to_all_nodes(d[self.model.law.frictional]).T
-
     def base_tension_columns(self) -> Array:
         """Derivative of the force on the nodes by the tensions at the base, shape (6 N, m)."""
-        d = -self.field.d_base[:, None, :] @ self.measured.shape.d_lengths
-        return self.to_all_nodes(d[:, 0]).T
+        return self.to_all_nodes(self.measured.shape.pull_of_each(self.field.d_base)).T
 
     def add_tangent(self, k: Array, first: int = 0) -> None:
         """Add the derivative of `nodal_wrenches` by the nodes, written in frames that stay, in Exudyn's sign.

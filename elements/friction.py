@@ -133,6 +133,8 @@ class TendonLaw:
         For which mobilisations there is friction.
     has_friction : bool
         Whether there is friction anywhere.
+    adhesive : ndarray of bool, shape (m,)
+        Which tendons have a hole with adhesion.
     elastic : bool
         Whether any tendon stretches, or the spring at its drive.
     varies : bool
@@ -150,7 +152,8 @@ class TendonLaw:
         m, n = parameters.lengths.shape
         self.shape = (m, n)
         adhesion = parameters.adhesion
-        self._adhesion = adhesion if model.active and np.any(adhesion > 0.0) else None
+        self.adhesive: Flags = np.asarray(np.any(adhesion > 0.0, axis=1))
+        self._adhesion = adhesion if model.active and self.adhesive.any() else None
         self.slip_operator = model.slip_operator(n)
         self.hole_incidence = model.hole_incidence(n)
         self.groups = self.slip_operator.shape[0]

@@ -55,6 +55,22 @@ class CableShape:
         """Derivatives of the angles, shape (m, n-1, W)."""
         return self.by_nodes[:, self.lengths.shape[1] :]
 
+    def length_change(self, moved: Array) -> Array:
+        """Linear change of the lengths [m], shape (m, n), with twists of the nodes that carry holes, shape (W,)."""
+        if self.along is not None:
+            return self.along @ moved
+        nodes, n = moved.reshape(-1, 6), self.lengths.shape[1]
+        both = np.concatenate((nodes[:n], nodes[1 : n + 1]), axis=1)
+        return np.asarray((self.lines.segments[:, :, 3] @ both[:, :, None])[:, :, 0].T)
+
+    def pull_of_each(self, tension: Array) -> Array:
+        """Wrenches on the nodes that carry holes, of tensions (m, n) of many tendons, each by itself: (m, W)."""
+        if self.along is not None:
+            return np.asarray(-tension * self.along[:, 0])
+        found = np.zeros((len(tension), self.width // 6, 6))
+        found[:, : tension.shape[1] + 1] = self.lines.wrenches_of_each(tension).swapaxes(0, 1)
+        return found.reshape(len(tension), self.width)
+
     @property
     def lines(self) -> CableLines:
         """The straight segments; `ValueError` for tendons that follow the backbone."""

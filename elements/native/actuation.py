@@ -271,7 +271,7 @@ class TendonActuation:
         positions, rotations, parameters = self.scene_poses()
         tendons = self.elastic_tendons(self.base_tension, self.state.time)
         forces = at_rest(tendons.elastic, self.model.measure(positions, rotations), tendons.history)
-        columns = forces_by_inputs(forces, tendons.driven, stuck, 6 * len(positions))
+        columns = forces_by_inputs(forces, tendons.driven, stuck)
         found = [generalized_forces(each.reshape(-1, 6), rotations, parameters) for each in columns.T]
         return np.reshape(found, (self.law.shape[0], parameters.size + positions.size)).T
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
 from tdcr_fe.elements import Array, Flags, Index
-from tdcr_fe.elements.forces import ForceModel, Measurement, TendonForces
+from tdcr_fe.elements.forces import ForceModel, Measurement, SlipEquations, TendonForces
 from tdcr_fe.elements.friction import TendonLaw
 from tdcr_fe.elements.native.history import RobotHistory
 
@@ -102,9 +101,8 @@ def at_rest(model: ForceModel, measured: Measurement, history: RobotHistory) -> 
 
 def own_stiffness(model: ForceModel) -> float:
     """EA of its inextensible tendons that Exudyn's own solvers drive by displacement [N]."""
-    mesh = model.mesh
     # Rigid inserts bend by nothing, and do not count.
-    return float(STIFFNESS / (mesh.arc_lengths[-1] * np.sum(mesh.lengths / mesh.stiffness[:, 5])))
+    return float(STIFFNESS / (model.mesh.arc_lengths[-1] * model.mesh.flexibility))
 
 
 def stretch(model: ForceModel, tension: Array, lengths: Array) -> Array:
@@ -123,43 +121,16 @@ def stretch(model: ForceModel, tension: Array, lengths: Array) -> Array:
     return np.where(parameters.mask & parameters.rigid[:, None], stretched, 0.0)
 
 
-class Condensed(NamedTuple):
-    """Linear equations of the tensions at the base and the mobilisations, beside those of the nodes."""
-
-    driven: Index  # (d,): Tendons that are driven by displacement and taut
-    matrix: Array  # (d + h, d + h): By tensions at the base and mobilisations
-    by_nodes: Array  # (d + h, 6 N)
-    by_base: Array  # (d + h, m): By the tensions at the base of the other tendons, which are given
-    # (6 N, d + h): Change of the forces on the nodes with tensions at the base and mobilisations
-    columns: Array
-
-    @classmethod
-    def of(cls, forces: TendonForces, driven: Flags, stuck: bool, size: int) -> Condensed:
-        """See `add_condensed`; ``size`` is 6 N."""
-        law = forces.model.law
-        which = np.flatnonzero(driven)
-        holes = int(np.count_nonzero(law.frictional)) if stuck and law.has_friction else 0
-        count = len(which) + holes
-        matrix, by_nodes = np.zeros((count, count)), np.zeros((count, size))
-        columns, by_base = np.zeros((size, count)), np.zeros((count, len(driven)))
-        first = slice(0, len(which))
-        if len(which):
-            matrix[first, first] = np.diag(forces.base_slip_by_base()[which])
-            by_nodes[first] = forces.base_slip_rows()[which]
-            columns[:, first] = forces.base_tension_columns()[:, which]
-        if holes:
-            rest = slice(len(which), count)
-            slip_by_nodes, slip_by_base, slip_by_mobilisation = forces.slip_rows()
-            matrix[first, rest] = forces.base_slip_by_mobilisation()[which]
-            matrix[rest, first] = slip_by_base[:, which]
-            matrix[rest, rest] = slip_by_mobilisation - np.diag(forces.resting_flexibility[law.frictional])
-            by_nodes[rest] = slip_by_nodes
-            by_base[rest] = slip_by_base
-            columns[:, rest] = forces.mobilisation_columns()
-        return cls(which, matrix, by_nodes, by_base, columns)
+def _slip_equations(forces: TendonForces, driven: Flags, stuck: bool) -> tuple[SlipEquations, Index]:
+    """Slips as in `add_condensed`, and the numbers of those that are eliminated, shape (d + k,)."""
+    slips, m = forces.slip_equations(holes=stuck), len(driven)
+    if stuck:
+        resting = np.append(np.zeros(m), forces.resting_flexibility[forces.model.law.frictional])
+        slips = slips._replace(matrix=slips.matrix - np.diag(resting))
+    return slips, np.append(np.flatnonzero(driven), np.arange(m, len(slips.matrix)))
 
 
-def forces_by_inputs(forces: TendonForces, winds: Flags, stuck: bool, size: int) -> Array:
+def forces_by_inputs(forces: TendonForces, winds: Flags, stuck: bool) -> Array:
     """Change of the forces on the nodes with the inputs of the tendons, shape (6 N, m).
 
     Parameters
@@ -170,19 +141,13 @@ def forces_by_inputs(forces: TendonForces, winds: Flags, stuck: bool, size: int)
         Which tendons are driven by displacement, shape (m,); the others by tension. A slack one does not act.
     stuck
         As in `add_condensed`.
-    size
-        6 N.
     """
     taut = winds & (forces.base_tension > 0.0)
-    condensed = Condensed.of(forces, taut, stuck, size)
-    given = -condensed.by_base
-    found: Array = np.zeros((size, len(taut)))
-    found[:, ~winds] = forces.base_tension_columns()[:, ~winds]
-    given[:, winds] = 0.0
-    given[np.arange(len(condensed.driven)), condensed.driven] = 1.0
-    if len(given):
-        found += condensed.columns @ np.linalg.solve(condensed.matrix, given)
-    return found
+    slips, kept = _slip_equations(forces, taut, stuck)
+    given = np.where(winds, 0.0, -slips.matrix[kept, : len(taut)])
+    given[np.arange(np.count_nonzero(taut)), np.flatnonzero(taut)] = 1.0
+    change = np.linalg.solve(slips.matrix[np.ix_(kept, kept)], given)
+    return np.where(winds, 0.0, slips.columns[:, : len(taut)]) + slips.columns[:, kept] @ change
 
 
 def add_condensed(k: Array, forces: TendonForces, driven: Flags, stuck: bool) -> None:
@@ -205,5 +170,5 @@ def add_condensed(k: Array, forces: TendonForces, driven: Flags, stuck: bool) ->
         those of a solved state slide on in their direction, or are at rest without resistance.
     """
     if stuck or driven.any():
-        condensed = Condensed.of(forces, driven, stuck, len(k))
-        k -= condensed.columns @ np.linalg.solve(condensed.matrix, condensed.by_nodes)
+        slips, kept = _slip_equations(forces, driven, stuck)
+        k -= slips.columns[:, kept] @ np.linalg.solve(slips.matrix[np.ix_(kept, kept)], slips.rows[kept])

@@ -196,7 +196,7 @@ def with_motors(motors: Sequence[Motor], tangent: Array, found: Evaluation, to_t
     # Tension at the base by the displacement there; it is zero where the tendon is slack.
     slope = np.zeros(len(taut))
     slope[taut] = 1.0 / forces.base_slip_by_base()[taut]
-    by_tension, slips = forces.base_tension_columns(), forces.base_slip_rows()
+    slips, _, by_tension = forces.slip_equations(holes=False)
     for j, motor in enumerate(motors):
         stiffness = motor.radius * slope[motor.tendon]
         pull = by_tension[:, motor.tendon].reshape(-1, 6) * stiffness

@@ -119,7 +119,7 @@ def scaled_tangent(simulation: Simulation) -> tuple[Array, Array]:
     taut = robot.drives.winds & (robot.base_tension > 0.0)
     if np.any(taut):
         # A tendon with prescribed displacement keeps its length: only changes of shape that leave it are free.
-        fixed = residual.forces[0].base_slip_rows()[taut][:, 6:] @ to_nodes
+        fixed = residual.forces[0].slip_equations(holes=False).rows[taut][:, 6:] @ to_nodes
         to_nodes = to_nodes @ null_space(fixed)
     return to_nodes.T @ by_nodes @ to_nodes, to_nodes
 

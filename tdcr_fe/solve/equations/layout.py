@@ -135,6 +135,7 @@ class Numbering(NamedTuple):
     reduced: int  # Unknowns of the reduced scene
     linear: int  # Unknowns that equilibrium is linear in at fixed friction: the former and the tensions
     total: int  # All, mobilisations included
+    clamped: Index  # (c, 6): Unknowns of the clamped bases
 
     @classmethod
     def of(cls, layout: SceneLayout, winds: Sequence[Flags], with_friction: bool) -> Numbering:
@@ -161,7 +162,8 @@ class Numbering(NamedTuple):
             unknowns = RobotUnknowns(i, inside, driven[i], tensions, frictional, holes, i in layout.clamps)
             parts.append(unknowns)
             tension, hole = tensions.stop, holes.stop
-        return cls(tuple(parts), reduced, linear, hole)
+        bases = np.array([part.nodes.start for part in parts if part.clamped], dtype=int)
+        return cls(tuple(parts), reduced, linear, hole, bases[:, None] + np.arange(6))
 
     @property
     def has_friction(self) -> bool:
@@ -199,12 +201,6 @@ class Numbering(NamedTuple):
     def with_driven(self, by_robot: Sequence[Array], values: Array) -> tuple[Array, ...]:
         """The inverse of `at_driven`: values of all tendons with those of the driven ones replaced."""
         return _replaced(by_robot, [part.driven for part in self.robots], values)
-
-    @property
-    def clamped(self) -> Index:
-        """Unknowns of the clamped bases, shape (c, 6)."""
-        first = np.array([part.nodes.start for part in self.robots if part.clamped], dtype=int)
-        return first[:, None] + np.arange(6)
 
     @property
     def any_driven(self) -> bool:

@@ -81,9 +81,9 @@ class BorderedFactors(NamedTuple):
         for part in numbering.robots:
             which, at = part.driven, residual.forces[part.robot]
             here = slice(part.tensions.start - numbering.reduced, part.tensions.stop - numbering.reduced)
-            columns[part.nodes, here] = at.base_tension_columns()[:, which]
-            rows[here, part.nodes] = at.base_slip_rows()[which]
-            own[here] = at.base_slip_by_base()[which]
+            slips = at.slip_equations(holes=False)
+            columns[part.nodes, here] = slips.columns[:, which]
+            rows[here, part.nodes], own[here] = slips.rows[which], slips.matrix.diagonal()[which]
             slack[here] = at.base_tension[which] <= 0.0
         columns[numbering.clamped] = 0.0
         response = inner.solve(columns)
@@ -152,19 +152,24 @@ class SolvedStep(NamedTuple):
     start: Array  # Unknowns at its start, see `unknowns`
     end: Array  # Unknowns at its end
     slope: Array | None  # Derivative of the unknowns at its start, times its length; None where it is unknown
+    slips: Array | None  # The same of the slips of all frictional holes [m]
 
     @classmethod
     def of(
-        cls, before: SolverState, after: SolverState, numbering: Numbering, slope: Array | None
+        cls,
+        loading: Array,
+        before: SolverState,
+        after: SolverState,
+        numbering: Numbering,
+        *slopes: Array | None,
     ) -> SolvedStep | None:
-        """The step between two solutions, with the unknowns of a numbering; for the slope see `SolvedStep`.
+        """The step between two solutions, with the unknowns of a numbering; all others as the fields.
 
         None where loads changed, or the friction in a tendon under tension.
         """
         if not (same_loads(before, after) and _friction_kept(before, after)):
             return None
-        loading = np.concatenate(input_changes(before, after))
-        return cls(loading, unknowns(before, numbering), unknowns(after, numbering), slope)
+        return cls(loading, unknowns(before, numbering), unknowns(after, numbering), *slopes)
 
     def curvature(self, length: float, slope: Array) -> Array:
         """What a cubic polynomial adds to the linear change of the unknowns in a further step.

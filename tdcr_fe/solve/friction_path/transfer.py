@@ -232,5 +232,5 @@ class AdhesiveTransfer:
 
 def tension_transfer(tendons: Sequence[TendonsInSubstep]) -> CapstanTransfer | AdhesiveTransfer:
     """The transfer of tension of some tendons, whose coefficients of friction are constant."""
-    adhesive = any(np.any(t.law.parameters.adhesion[t.which] > 0.0) and t.law.has_friction for t in tendons)
+    adhesive = any(t.law.adhesive[t.which].any() and t.law.has_friction for t in tendons)
     return AdhesiveTransfer(tendons) if adhesive else CapstanTransfer.of(tendons)

@@ -71,9 +71,9 @@ class SubstepSolver:
         """Solve at a load factor, from a guess, a substep that begins in the state `start`."""
         system, settings, before = self.system, self.settings, linearization
         target = self.ramp.apply(system, load_factor)
-        first = None
+        changes, first = input_changes(start, target), None
         if before is not None:
-            first = predict(system, state, target, input_changes(start, target), before, settings)
+            first = predict(system, state, target, changes, before, settings)
         result = newton(system, state if first is None else first.state, target, settings)
         if first is not None and not result.converged:
             spent, first = result.iterations, None
@@ -82,9 +82,10 @@ class SubstepSolver:
         # Where a prediction takes no iteration, the linearisation is that of the step before.
         linear = result.linearization if first is None else result.linearization or before
         if linear is not None:
-            solved, slope = None, None if first is None else first.slope
+            solved, slopes = None, (None, None) if first is None else (first.slope, first.slips)
             if result.converged:
-                solved = SolvedStep.of(start, result.state, linear.numbering, slope)
+                loading = np.concatenate(changes)
+                solved = SolvedStep.of(loading, start, result.state, linear.numbering, *slopes)
             result = result._replace(linearization=linear._replace(solved=solved))
         return self._unless_wrong(result, start)
 
@@ -151,6 +152,8 @@ class SubstepSolver:
 
     def passes_buckling(self, before: SolverState, after: SolverState) -> bool:
         """Whether a bay of a robot driven by displacement is beyond its buckling load after a substep, not before."""
+        if not self.system.numbering().any_driven:
+            return False
         both = zip(self._buckled(before, True), self._buckled(after, True), strict=True)
         return any(np.any(new & ~old) for old, new in both)
 

@@ -15,8 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from tdcr_fe.elements import Array, Flags
+from tdcr_fe.elements.friction import TendonLaw
 from tdcr_fe.solve.equations.configuration import SolverState
-from tdcr_fe.solve.equations.layout import Numbering
+from tdcr_fe.solve.equations.layout import Numbering, RobotUnknowns
 from tdcr_fe.solve.equations.linearization import Linearization, input_changes
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.friction_path.follow import FrictionPath, PathReversal
@@ -262,8 +263,8 @@ def is_steady(trial: Trial, linear: Linearization) -> bool:
 
     Such a substep is exact as a whole. It is recognised by two signs. Every hole of a tendon under tension slips at the
     end, and at the start, if its tendon was under tension there, in the same direction. And its slip rate has the
-    direction of the friction at both ends: at the end by the last linearisation, at the start by the parabola of the
-    load factor through its slips.
+    direction of the friction at both ends: at one of them by a linearisation, at the start where the substep was
+    predicted; at the other by the parabola of the load factor through its slips.
 
     Parameters
     ----------
@@ -275,30 +276,41 @@ def is_steady(trial: Trial, linear: Linearization) -> bool:
     before, result, ramp = trial.before, trial.result, trial.solver.ramp
     if trial.length != 1.0 or ramp.loads_change or ramp.nonlinear:
         return False
-    after, numbering = result.state, linear.numbering
-    pick, parts = numbering.at_frictional_holes, numbering.robots
-    old, new = pick(before.mobilisation), pick(after.mobilisation)
-    # Adhesion may hold tendons under tension while they are slack at the base.
-    adhesive = [own.model.law.parameters.adhesion.any(axis=1) for own in result.forces]
-    was_tense, tense = (
-        pick([p.frictional & (t | a)[:, None] for p, t, a in zip(parts, taut, adhesive, strict=True)])
-        for taut in ([t > 0.0 for t in state.base_tension] for state in (before, after))
-    )
-    # A hole that changes between stick and slip bends the slips of all others, so that they are no parabolas. Where a
-    # tendon is pulled from zero, its friction grows with its tension, and such holes have no effect yet.
-    if (np.abs(new) < 1.0)[tense].any() or (old * new < 1.0)[was_tense].any():
+    after, pick = result.state, linear.numbering.at_frictional_holes
+    robots = list(zip(linear.numbering.robots, [own.model.law for own in result.forces], strict=True))
+    if not all(_slips_at_both_ends(part, law, before, after) for part, law in robots):
         return False
-    for part in parts:
-        was_taut, taut = (state.base_tension[part.robot] > 0.0 for state in (before, after))
-        becomes_taut = (taut & ~was_taut)[part.driven].any()
-        if part.frictional.any() and ((was_taut & ~taut).any() or becomes_taut):
-            return False
-    changes = input_changes(before, result.target)
-    rate = pick(slip_changes(numbering, result.forces, linear.response(changes), changes))
+    rates = None if linear.solved is None else linear.solved.slips
+    if rates is None:
+        changes = input_changes(before, result.target)
+        rates = pick(slip_changes(linear.numbering, result.forces, linear.response(changes), changes))
     slips = [end.slip - start.slip for end, start in zip(after.friction, before.friction, strict=True)]
-    side = np.where(tense, new, 0.0)
-    first = 2.0 * pick(slips) - rate
-    return bool(min((side * rate).min(), (side * first).min()) >= 0.0)
+    others = 2.0 * pick(slips) - rates
+    side = pick([_tense(part, law, after) * after.mobilisation[part.robot] for part, law in robots])
+    return bool(min((side * rates).min(), (side * others).min()) >= 0.0)
+
+
+def _slips_at_both_ends(part: RobotUnknowns, law: TendonLaw, before: SolverState, after: SolverState) -> bool:
+    """Whether every hole of a tendon under tension slips after a substep, and before it in the same direction.
+
+    A hole that changes between stick and slip bends the slips of all others, so that they are no parabolas. Where a
+    tendon is pulled from zero, its friction grows with its tension, and such holes have no effect yet.
+    """
+    i = part.robot
+    if not part.frictional.any():
+        return True
+    was_taut, taut = before.base_tension[i] > 0.0, after.base_tension[i] > 0.0
+    if (was_taut & ~taut).any() or (taut & ~was_taut)[part.driven].any():
+        return False
+    old, new = before.mobilisation[i], after.mobilisation[i]
+    if (np.abs(new) < 1.0)[_tense(part, law, after)].any():
+        return False
+    return not (old * new < 1.0)[_tense(part, law, before)].any()
+
+
+def _tense(part: RobotUnknowns, law: TendonLaw, state: SolverState) -> Flags:
+    """Frictional holes of tendons that may be under tension: adhesion may hold one that is slack at the base."""
+    return np.asarray(part.frictional & ((state.base_tension[part.robot] > 0.0) | law.adhesive)[:, None])
 
 
 class ReversalPoint(NamedTuple):

@@ -21,6 +21,9 @@ from tdcr_fe.solve.equations.linearization import Linearization, SolvedStep, sam
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.newton.steps import all_keep_slipping, slip_changes
 
+#: Steps whose inputs change in proportion up to this fraction of the changes have the same direction [1].
+SAME_DIRECTION = 1e-5
+
 
 class Prediction(NamedTuple):
     """A predicted solution."""
@@ -29,6 +32,7 @@ class Prediction(NamedTuple):
     # Derivative of the unknowns at the beginning of the step, times its length, see `SolvedStep`; where coefficients
     # of friction follow laws, the mean of the step before
     slope: Array
+    slips: Array | None  # Derivative of the slips of all frictional holes there, times its length [m]
 
 
 def predict(
@@ -69,7 +73,7 @@ def predict(
         return None
     if not np.array_equal(unknowns(state, numbering), last.end):
         return None
-    step = linear.response(changes)
+    step, slips = linear.response(changes), None
     if numbering.has_friction:
         moved = slip_changes(numbering, linear.forces, step, changes)
         slips = numbering.at_frictional_holes(moved)
@@ -88,7 +92,7 @@ def predict(
     if numbering.any_driven:
         pulled = numbering.at_driven(tension) + change[numbering.reduced - numbering.linear :]
         tension = numbering.with_driven(tension, np.maximum(pulled, 0.0))
-    return Prediction(state._replace(configuration=configuration, base_tension=tension), slope)
+    return Prediction(state._replace(configuration=configuration, base_tension=tension), slope, slips)
 
 
 def _length_of(last: SolvedStep, loading: Array) -> float | None:
@@ -97,8 +101,8 @@ def _length_of(last: SolvedStep, loading: Array) -> float | None:
     if size == 0.0:
         return None
     length = float(last.loading @ loading) / size
-    same = length > 0.0 and np.allclose(last.loading, length * loading, atol=0.0)
-    return length if same else None
+    off = np.abs(last.loading - length * loading)
+    return length if length > 0.0 and (off <= SAME_DIRECTION * np.abs(last.loading)).all() else None
 
 
 def _all_keep_slipping(state: SolverState, slips: Array, numbering: Numbering) -> bool:

@@ -93,17 +93,18 @@ class FrictionCoupling(NamedTuple):
         rows = np.zeros((count, numbering.linear))
         own = np.zeros((count, count))
         for part in numbering.robots:
-            at = forces[part.robot]
+            m, slips = len(part.frictional), forces[part.robot].slip_equations()
             start, stop = part.mobilisations.start, part.mobilisations.stop
             here = slice(start - numbering.linear, stop - numbering.linear)
-            columns[part.nodes, here] = at.mobilisation_columns()
-            by_nodes, by_tension, own[here, here] = at.slip_rows()
-            rows[here, part.nodes] = by_nodes
+            columns[part.nodes, here], rows[here, part.nodes] = slips.columns[:, m:], slips.rows[m:]
+            own[here, here] = slips.matrix[m:, m:]
             if part.driven.size:
-                by_base = at.base_slip_by_mobilisation()[part.driven]
+                by_base = slips.matrix[part.driven, m:]
                 by_base[slack[part.robot]] = 0.0
-                columns[part.tensions, here] = by_base
-                rows[here, part.tensions] = by_tension[:, part.driven]
+                columns[part.tensions, here], rows[here, part.tensions] = (
+                    by_base,
+                    slips.matrix[m:, part.driven],
+                )
         columns[numbering.clamped] = 0.0
         return cls(columns, rows, own)
 
