@@ -25,7 +25,7 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 2436,
+    "elements": 2419,
     "tdcr_fe": 245,
     "tdcr_fe/commands": 762,
     "tdcr_fe/effects": 1178,
@@ -36,7 +36,7 @@ BUDGET = {
     "tdcr_fe/model": 2406,
     "tdcr_fe/report": 1081,
     "tdcr_fe/scene": 1325,
-    "tdcr_fe/solve": 6165,
+    "tdcr_fe/solve": 6177,
     "tdcr_fe/sweeps": 1370,
     "validation": 6409,
     "tests": 12499,

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from functools import cached_property
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property, wraps
 from typing import Any, NamedTuple
 
 import exudyn as exu
@@ -21,15 +20,19 @@ from tdcr_fe.solve.equations.contact import ContactStates, TriangleContact
 from tdcr_fe.solve.equations.layout import SceneLayout
 
 
-@contextmanager
-def _interruptions_kept() -> Iterator[None]:
+def _interruptions_kept(call: Callable[..., Array]) -> Callable[..., Array]:
     """Raise an interruption again, of which Exudyn makes a ModelError where it arrives in a callback."""
-    try:
-        yield
-    except ValueError as error:
-        if isinstance(error.__cause__, KeyboardInterrupt):
-            raise error.__cause__ from None
-        raise
+
+    @wraps(call)
+    def kept(*given: Any, **named: Any) -> Array:
+        try:
+            return call(*given, **named)
+        except ValueError as error:
+            if isinstance(error.__cause__, KeyboardInterrupt):
+                raise error.__cause__ from None
+            raise
+
+    return kept
 
 
 class StaticKernel:
@@ -97,7 +100,7 @@ class StaticKernel:
         objects = [exu.ObjectIndex(i) for i in range(self._mbs.systemData.NumberOfObjects())]
         return [i for i in objects if exu.ComputeItemType.ReactionForces in self._mbs.ComputeItem(i)]
 
-    @_interruptions_kept()
+    @_interruptions_kept
     def residual(self) -> Array:
         """Residual of all equations: forces on the coordinates, then constraints, shape (size,)."""
         self._kernel.ComputeNewtonResidual(self._mbs, self._settings)
@@ -124,7 +127,7 @@ class StaticKernel:
             found[:n2, :n2] += _joint_stiffness(self._mbs, self._joints)
         return found
 
-    @_interruptions_kept()
+    @_interruptions_kept
     def exudyns_jacobian(self, loads: bool = False, constraints: bool = True) -> Array:
         """As `jacobian`, without the forces of joints, and with what Exudyn has for contact with triangles."""
         self._kernel.ComputeJacobianODE2RHS(self._mbs, computeLoadsJacobian=int(loads))

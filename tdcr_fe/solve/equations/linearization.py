@@ -154,23 +154,6 @@ class SolvedStep(NamedTuple):
     slope: Array | None  # Derivative of the unknowns at its start, times its length; None where it is unknown
     slips: Array | None  # The same of the slips of all frictional holes [m]
 
-    @classmethod
-    def of(
-        cls,
-        loading: Array,
-        before: SolverState,
-        after: SolverState,
-        numbering: Numbering,
-        *slopes: Array | None,
-    ) -> SolvedStep | None:
-        """The step between two solutions, with the unknowns of a numbering; all others as the fields.
-
-        None where loads changed, or the friction in a tendon under tension.
-        """
-        if not (same_loads(before, after) and _friction_kept(before, after)):
-            return None
-        return cls(loading, unknowns(before, numbering), unknowns(after, numbering), *slopes)
-
     def curvature(self, length: float, slope: Array) -> Array:
         """What a cubic polynomial adds to the linear change of the unknowns in a further step.
 
@@ -255,6 +238,17 @@ class Linearization(NamedTuple):
             right[part.nodes] = -(self.forces[part.robot].base_tension_columns() @ free)
         right[self.numbering.clamped] = 0.0
         return self.factorisation.solve(right)
+
+    def ended_by(
+        self, loading: Array, before: SolverState, after: SolverState, *slopes: Array | None
+    ) -> Linearization:
+        """The same with the step between two solutions; the other arguments are fields of `SolvedStep`.
+
+        Without a step where loads changed, or the friction in a tendon under tension.
+        """
+        kept = same_loads(before, after) and _friction_kept(before, after)
+        ends = [unknowns(state, self.numbering) for state in (before, after)]
+        return self._replace(solved=SolvedStep(loading, *ends, *slopes) if kept else None)
 
     def complementarity_step(
         self, unbalanced: Array, forces: tuple[TendonForces, ...], inputs: tuple[Array, ...]

@@ -11,7 +11,7 @@ import numpy as np
 from tdcr_fe.elements import Array, Flags
 from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.solve.equations.configuration import SolverState, Target
-from tdcr_fe.solve.equations.linearization import Linearization, SolvedStep, input_changes
+from tdcr_fe.solve.equations.linearization import Linearization, input_changes
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.load_steps.load_path import Ramp, SolvedPath, StepFailed, one_substep
 from tdcr_fe.solve.newton.convergence import NewtonStatus
@@ -81,12 +81,10 @@ class SubstepSolver:
             result = result._replace(iterations=result.iterations + spent)
         # Where a prediction takes no iteration, the linearisation is that of the step before.
         linear = result.linearization if first is None else result.linearization or before
-        if linear is not None:
-            solved, slopes = None, (None, None) if first is None else (first.slope, first.slips)
-            if result.converged:
-                loading = np.concatenate(changes)
-                solved = SolvedStep.of(loading, start, result.state, linear.numbering, *slopes)
-            result = result._replace(linearization=linear._replace(solved=solved))
+        if linear is not None and result.converged:
+            slopes = (None, None) if first is None else (first.slope, first.slips)
+            linear = linear.ended_by(np.concatenate(changes), start, result.state, *slopes)
+            result = result._replace(linearization=linear)
         return self._unless_wrong(result, start)
 
     def _unless_wrong(
