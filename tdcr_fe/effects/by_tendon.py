@@ -179,7 +179,11 @@ class NumberForm(Form):
 
 
 class OfTendon(NumberForm):
-    """The number of a single tendon."""
+    """The number of a single tendon, whose name stands in its own."""
+
+    def __init__(self, of: Effect, tendon: str, *others: Any) -> None:
+        super().__init__(of, tendon, *others)
+        self.kind = of.kind._replace(where=f"tendon {tendon}")
 
 
 def of_single_tendons(effect: SharedNumber, experiment: Experiment) -> tuple[Effect, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import ClassVar
 
@@ -58,6 +58,11 @@ class FrameMisalignment(Effect):
 class OfMarker(Form):
     """The offset of a single marker."""
 
+    def __init__(self, of: Effect, kind: str, names: Sequence[str], experiment: Experiment, k: int) -> None:
+        markers = experiment.observation.markers
+        super().__init__(of, kind, names, experiment, len(markers))
+        self.kind = of.kind._replace(where=f"the marker at s = {markers[k - 1]:.4g} m")
+
 
 class MarkerOffset(Effect):
     """Markers sit off the backbone.
@@ -91,7 +96,7 @@ class MarkerOffset(Effect):
             forms = (*forms, self.form("each", [p.name for p in self._single(experiment)], experiment))
             for k in range(1, count + 1):
                 beside = [f"{p.name}_marker_{k}" for p in self.parameters]
-                forms = (*forms, OfMarker(self, f"marker {k}", beside, experiment, count))
+                forms = (*forms, OfMarker(self, f"marker {k}", beside, experiment, k))
         return forms
 
     def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:

@@ -200,8 +200,8 @@ def added_effects(state: SearchState, deviation: Array, explained: bool) -> Iter
             indistinguishable_from=rivals,
             separating_experiment=separating_experiments(e, rivals, problem.catalogue),
             found=explained and is_named(e) and probability > NAMED,
-            probability=probability,
-            kind_probability=alike,
+            probability=min(probability, 1.0),  # sums of weights round off
+            kind_probability=min(alike, 1.0),
             form=e.name,
             sentence=e.sentence if isinstance(e, Cause) else "",
         )

@@ -41,6 +41,14 @@ def test_forms_follow_from_the_robot():
     assert all(f.listed == e.name for e in EFFECTS for f in e.forms(SETUP))
 
 
+def test_a_form_of_one_tendon_or_marker_says_where_it_acts():
+    forms = (*effect("pretension").forms(SETUP), *effect("marker_offset").forms(SETUP))
+    places = {f.name: f.kind.where for f in forms}
+    assert places["pretension (far)"] == "tendon far"
+    assert places["marker_offset (marker 1)"] == "the marker at s = 0.125 m"
+    assert places["marker_offset (each)"] == "everywhere"
+
+
 @pytest.mark.parametrize("e", EFFECTS, ids=lambda e: e.name)
 def test_null_values_of_every_form_change_nothing(e):
     for form in e.forms(SETUP)[1:]:
