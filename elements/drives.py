@@ -12,7 +12,9 @@ Every drive prescribes one of two quantities, in a unit of its own:
   so that ``T = T0 + k (r x - u)``, never negative, with a spring of stiffness ``k``. Tendons count what the spring
   gives as their own (`tdcr_fe.elements.friction.TendonParameters.spring`), with its derivative ``c`` by the tension.
 
-Adding a drive takes an entry of `DRIVES`, and a field of `tdcr_fe.model.loading.LoadStep` of the name ``inputs``.
+Adding a drive takes an entry of `DRIVES`, and a field of `tdcr_fe.model.loading.LoadStep` of the name ``inputs``; where
+its scale follows from a number of its own, that as a field of `tdcr_fe.model.robot.Tendon` and as a property of
+`DrivenTendon`; and for scenes a setter in `tdcr_fe.scene.assembled_robot`, such as ``set_motor_angles``.
 """
 
 from __future__ import annotations

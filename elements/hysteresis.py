@@ -8,7 +8,8 @@ way from a history ``(u0, s0)``, the law is a curve ``u - u0 = G(s) - G(s0)`` up
   grows smoothly and a reversal is felt at once (P. R. Dahl, A solid friction model, Aerospace Corp. report
   TOR-0158(3107-18)-1 (1968)).
 
-Adding a law takes its class here, its entry in `HYSTERESES` and its name in `HysteresisKind`.
+Adding a law takes its class here, its entry in `HYSTERESES`, its name in `HysteresisKind`, and a phrase in the docstring
+of `tdcr_fe.model.loading.Model`.
 """
 
 from __future__ import annotations
@@ -66,6 +67,9 @@ class FrictionState:
 class Hysteresis(ABC):
     """A law of the mobilisation. Arrays are of any one shape, hole by hole.
 
+    A law must pass -1 and 1 at a finite slip, where the hole begins to slip; one that only tends to them tends to
+    `ACCEPTED` more.
+
     Attributes
     ----------
     presliding : float
@@ -91,7 +95,10 @@ class Hysteresis(ABC):
 
     @abstractmethod
     def flexibility(self, mobilisation: Array, direction: Array) -> Array:
-        """Slope of the slip by the mobilisation in a direction of the slip, -1 or 1, 0 is the mean of both [m]."""
+        """Slope of the slip by the mobilisation in a direction of the slip, -1 or 1 [m].
+
+        In direction 0 the slope of the mobilisation by the slip is the mean of those in both, and this its inverse.
+        """
 
     def softened(self, factor: float) -> Hysteresis:
         """The same law with a presliding distance that is larger by a factor."""
@@ -137,7 +144,7 @@ class Dahl(Hysteresis):
         return side * self.presliding * np.log((limit - before.mobilisation) / (limit - mobilisation))
 
     def flexibility(self, mobilisation: Array, direction: Array) -> Array:
-        """See `Hysteresis.flexibility`; the mean is that of the stiffness."""
+        """See `Hysteresis.flexibility`; in direction 0 it is the presliding distance, whatever the mobilisation."""
         return self.presliding / (1.0 + np.abs(direction) * ACCEPTED - direction * mobilisation)
 
 

@@ -1,4 +1,4 @@
-"""The command ``tdcr-fe validate``: finite elements and reference compared; the cases: ``validation/crosscheck``."""
+"""The command ``tdcr-fe validate``: compares as in ``validation/crosscheck/compare.py``; the cases are beside it."""
 
 from __future__ import annotations
 

@@ -71,9 +71,11 @@ def loads_between(old: Mapping[str, Load], new: Mapping[str, Load], factor: floa
 
 
 def with_commands(step: LoadStep, values: Mapping[str, float], **rest: Any) -> LoadStep:
-    """A step with other tensions and displacements of the tendons that it names, and with other changes."""
-    for drive in ("tensions", "displacements"):
-        rest[drive] = {n: values[n] for n in getattr(step, drive)}
+    """A step with other tensions and displacements of the tendons that it names, and with other changes.
+
+    It must be in newtons and metres (`tdcr_fe.model.loading.in_newtons_and_metres`): angles of motors would stay.
+    """
+    rest |= {kind: {n: values[n] for n in getattr(step, kind)} for kind in ("tensions", "displacements")}
     return replace(step, **rest)
 
 

@@ -241,6 +241,11 @@ class Effect:
         """Name without tendon, place and rows."""
         return self.listed
 
+    @property
+    def is_of_reading(self) -> bool:
+        """Whether it acts on the measurement only, so that the robot itself does not depend on it."""
+        return self.kind.perturbs == "reading"
+
     def choices(self, robot: Robot) -> int:
         """From how many of the same kind this one is chosen: at other places, or of other tendons or markers."""
         return self.among

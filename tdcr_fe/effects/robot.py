@@ -101,8 +101,7 @@ class Precurvature(Effect):
 
     def null_values(self, experiment: Experiment) -> dict[str, float]:
         """The declared values."""
-        x, y = experiment.robot.backbone.precurvature
-        return {"kappa_x": x, "kappa_y": y}
+        return dict(zip(("kappa_x", "kappa_y"), experiment.robot.backbone.precurvature, strict=True))
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`."""
@@ -382,10 +381,9 @@ class RoutingTwist(Effect):
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`."""
-        angle = values["angle_tip"]
-        if angle == 0.0:
+        rate = values["angle_tip"] / experiment.robot.backbone.length
+        if rate == 0.0:
             return experiment
-        rate = angle / experiment.robot.backbone.length
         tendons = tuple(replace(t, routing=TwistedRouting(t.routing, rate)) for t in experiment.robot.tendons)
         return experiment.with_robot(tendons=tendons)
 

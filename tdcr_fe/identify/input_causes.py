@@ -43,7 +43,7 @@ class Commands(NamedTuple):
 
     @classmethod
     def of(cls, experiment: Experiment) -> Commands:
-        """The commands of one loading sequence."""
+        """The commands of one loading sequence, which must be in newtons and metres: angles of motors are not read."""
         steps, names = experiment.steps, experiment.robot.tendon_names
         kinds = {}
         for kind in ("tensions", "displacements"):

@@ -256,6 +256,7 @@ def fit_proposals(
     def fits() -> list[Fit]:
         return [f for k, f in state.fits.items() if k in proposed and f.solved]
 
+    # None: the first of all, which waits if it will not leave noise. True: listed effects. False: the others.
     for named in (None, True, False):
         try:
             ready += _evaluated(state, _to_evaluate(search, state, waiting, named, ahead))

@@ -154,9 +154,8 @@ def read_measured(folder: StrPath) -> MeasuredData:
     except FieldError as error:
         reporter(error.field, error.value, error.allowed)
     read = tuple(readings), tuple(bad), digests
-    name = folder.resolve().name
     of_inputs: dict[str, Any] = {"input_sigma": sigmas, "input_scales": scales}
-    data = MeasuredData(name, robot, model, *loading, *read, settings, **of_inputs)
+    data = MeasuredData(folder.resolve().name, robot, model, *loading, *read, settings, **of_inputs)
     if declared["effects"]:
         data = _with_declared_effects(data, declared["effects"], reporter)
     reporter.refuse()
@@ -329,9 +328,10 @@ def with_columns(text: str, data: MeasuredData) -> str:
     """A sentence with the columns of loading.csv in place of keys of a scenario."""
 
     def column(found: re.Match[str]) -> str:
-        step = data.step_ids[int(found[1])]
-        name = found[2].replace("tensions.", "tension_").replace("displacements.", "displacement_")
-        return f"loading.csv, step {step}: " + re.sub(r"^loads\.\w+\.", "", name)
+        name = re.sub(r"^loads\.\w+\.", "", found[2])
+        for drive in DRIVES:
+            name = name.replace(f"{drive.inputs}.", f"{drive.name}_")
+        return f"loading.csv, step {data.step_ids[int(found[1])]}: {name}"
 
     return re.sub(r"steps\[(\d+)\]\.([\w.]+)", column, text)
 

@@ -233,14 +233,14 @@ def read_loading(table: pd.DataFrame, robot: Robot, file: str) -> Loading:
     """
     length, lost = robot.backbone.length, "; without it the history of loading is lost"
     force = Quantity(allowed=f"a finite number [N]{lost}")
-    tension = Quantity(ge=0.0, allowed=f"a tension [N], zero or more{lost}")
     further = {"branch": _TEXT, "time": _OPEN, **dict.fromkeys(FORCES, Annotated[float, force])}
     for drive in DRIVES:
         for tendon in [t for t in robot.tendons if not drive.obstacle(t)]:
             most = length / drive.scale(tendon)
             unit = "m, not mm" if drive.unit == "m" else drive.unit
             text = f"within the robot's length: at most {most:.4g} {unit}{lost}"
-            own = Quantity(ge=-most, le=most, allowed=text) if drive.winds else tension
+            pulls = Quantity(ge=0.0, allowed=f"a {drive.label} [{drive.unit}], zero or more{lost}")
+            own = Quantity(ge=-most, le=most, allowed=text) if drive.winds else pulls
             further[f"{drive.name}_{tendon.name}"] = Annotated[float, own]
     rows = _rows(table, Keys({"step": _STEP, **further}, {**dict.fromkeys(further), "branch": ""}), file)
     steps = tuple(_load_step(row, robot) for row in rows)

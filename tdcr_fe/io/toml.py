@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from tdcr_fe.effects import Effect, Experiment
+from tdcr_fe.effects import EFFECTS, Effect, Experiment
 from tdcr_fe.io.files import InputError, Problem, Reporter, StrPath, decoded, read_bytes, refusal
 from tdcr_fe.io.keys import BACKBONE, DISKS, MODEL_FILE, ROBOT, SCENARIO, tendon_keys
 from tdcr_fe.io.user_effects import apply_effects
@@ -399,7 +399,7 @@ def _with_effects(
     """The experiment with the table ``[effects]``."""
     sound, changed = apply_effects(table, experiment, reporter, own)
     if changed.observation != experiment.observation:
-        names = " and ".join(n for n in sound if n in ("frame_misalignment", "marker_offset"))
+        names = " and ".join(e.name for e in (*EFFECTS, *own) if e.name in sound and e.is_of_reading)
         text = "acts on the measurement only; the results of a run are those of the robot itself"
         reporter("effects", names, text)
     return changed

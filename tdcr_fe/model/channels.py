@@ -1,8 +1,8 @@
 """Measured channels: every quantity that a data set may contain, each an object in the list `CHANNELS`.
 
 Adding a channel takes one object in that list: its name, unit and kind of location, and how it is predicted from a
-solved step; and where no other has its unit, a row of `PLAUSIBLE`. Reading, prediction, fitting, reports and the maker
-of blind data all go through the list.
+solved step; and where no other has its unit, a row of `PLAUSIBLE`; and a row in docs/files.md. Reading, prediction,
+fitting, reports and the maker of blind data all go through the list.
 """
 
 from __future__ import annotations

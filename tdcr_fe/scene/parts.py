@@ -146,12 +146,15 @@ def add_gravity(mbs: exu.MainSystem, bodies: list[Any], gravity: Vector, name: s
 def add_material_damping(
     mbs: exu.MainSystem, robot: Robot, mesh: BackboneMesh, nodes: Sequence[Any], name: str
 ) -> MaterialDamping | None:
-    """Add the damping by the material of a backbone; None where the backbone has none."""
+    """Add the damping by the material of a backbone, by element; None where the backbone has none.
+
+    Here a base that gives way is left out of it, or would get a damping of its own: it is the first element.
+    """
     if not robot.backbone.retardation_time > 0.0:
         return None
     retardation = np.full(len(mesh.lengths), robot.backbone.retardation_time)
     if robot.base_stiffness is not None:
-        # The first element stands for the base that gives way, which is not of the material of the backbone.
+        # It is not of the material of the backbone.
         retardation[0] = 0.0
     return MaterialDamping.add(mbs, f"{name}.damping", nodes, mesh, retardation)
 

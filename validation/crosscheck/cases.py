@@ -1,4 +1,4 @@
-"""The cases of the cross-validation: all routings, models, loads and numbers of disks; histories; variants."""
+"""Which robots and loads `compare` is given: all routings, models, loads and numbers of disks; histories; variants."""
 
 from __future__ import annotations
 

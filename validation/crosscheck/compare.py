@@ -1,4 +1,4 @@
-"""Compare both solvers on one case: deviations of shape, orientation, tensions and hole states."""
+"""What ``tdcr-fe validate`` compares on a case, and what may deviate: shape, orientation, tensions, hole states."""
 
 from __future__ import annotations
 

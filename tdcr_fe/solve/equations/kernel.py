@@ -1,4 +1,4 @@
-"""Exudyn's solver kernel: the residual and Jacobian of a scene, and the reactions of its clamps."""
+"""What Exudyn computes: residual and Jacobian without tendons and section forces, and the reactions of clamps."""
 
 from __future__ import annotations
 

@@ -1,11 +1,11 @@
-"""Equations of a whole scene: residual, tangent and base reactions from Exudyn's solver kernel.
+"""The equations that are solved, of a whole scene: Exudyn's with tendons and section forces, in increments of strains.
 
-Residual and Jacobian come from Exudyn, except for tendons and section forces: these are a few matrix products, and
-the item that applies them is switched off while this solver works. Where nothing but robots is in the scene, the
-tangent follows from the stiffness of the elements. Every beam node is taken in body-frame increments; an increment of
-the nodes becomes an increment of the elements' strains, and the poses are rebuilt from the base by exact exponentials.
-Everything else in the scene keeps its ordinary additive update. Derivation: docs/algorithms.md,
-section "Newton's method in strain space".
+Residual and Jacobian come from Exudyn (`tdcr_fe.solve.equations.kernel`), except for tendons and section forces: these
+are a few matrix products, and the item that applies them is switched off while this solver works. Where nothing but
+robots is in the scene, the tangent follows from the stiffness of the elements. Every beam node is taken in body-frame
+increments; an increment of the nodes becomes an increment of the elements' strains, and the poses are rebuilt from the
+base by exact exponentials. Everything else in the scene keeps its ordinary additive update. Derivation:
+docs/algorithms.md, section "Newton's method in strain space".
 """
 
 from __future__ import annotations

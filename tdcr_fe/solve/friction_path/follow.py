@@ -360,12 +360,14 @@ def _integrated(
             break
         reversing = ((rates.side == 0.0) & (side != 0.0))[:holes].nonzero()[0]
         if reversing.size and not _is_near(evaluation, factor, tension, REUSED_FOR_REVERSAL):
+            # Derivatives from farther away do not show this; the same place is evaluated anew.
             current = False
             continue
         if reversing.size and count > 0:
             # Slips that reverse here may have done so before.
             fraction = _fraction_before_reversal(state, path, count - 1, reversing, side, unclipped, unknowns)
             if fraction < 1.0:
+                # The last path segment ends earlier, and that place is evaluated.
                 path.length[count - 1] *= fraction
                 factor, z, tension = along_segment(path, count - 1, path.length[count - 1], unknowns)
                 current = False

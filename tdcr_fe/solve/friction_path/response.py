@@ -89,6 +89,10 @@ class SegmentResponse(NamedTuple):
     def of(cls, at: Equilibrium, tendons: Tendons, load: Array) -> SegmentResponse:
         """From the tangent, in which tensions change with the turning angles.
 
+        A given tension ``t`` is the sum of one that is put on, and of what the angles add to it. With the response
+        ``X`` to what is put on, and ``x0`` to the loads, unknowns, lengths and angles are ``x = x0 + X (t - B x)``, where
+        ``B`` gives what the angles add. So ``x = X (1 + B X)^-1 (t - B x0) + x0``.
+
         Parameters
         ----------
         at
@@ -103,11 +107,10 @@ class SegmentResponse(NamedTuple):
         right[at.numbering.clamped] = 0.0
         moved = (factors.inner if isinstance(factors, BorderedFactors) else factors).solve(right)
         turned = angles @ moved
-        every, added = np.concatenate((moved, lengths @ moved, turned)), by_angle @ turned
-        # A given tension is the sum of one that is put on, and of what the angles add to it.
-        every[:, :-1] = every[:, :-1] @ np.linalg.inv(np.eye(len(lengths)) + added[:, :-1])
-        every[:, -1] -= every[:, :-1] @ added[:, -1]
-        return cls(*np.split(every, np.cumsum((len(moved), len(lengths)))))
+        put_on, added = np.concatenate((moved, lengths @ moved, turned)), by_angle @ turned
+        by_tension = put_on[:, :-1] @ np.linalg.inv(np.eye(len(lengths)) + added[:, :-1])
+        by_load = put_on[:, -1] - by_tension @ added[:, -1]
+        return cls(*np.split(np.column_stack((by_tension, by_load)), np.cumsum((len(moved), len(lengths)))))
 
 
 def _segments(at: Equilibrium, tendons: Tendons) -> tuple[Array, Array, Array]:

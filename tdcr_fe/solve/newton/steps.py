@@ -226,16 +226,18 @@ def on_curves(
     acting : ndarray, shape (k,)
         These times the ratios of the coefficients: mobilisations that act alike at the present coefficients.
     """
+    present = numbering.at_frictional_holes(state.mobilisation)
+    smallest = ACCEPTED * min(law.presliding for law in laws)
 
     def curve(slips: Array) -> tuple[Array, Array, Array, Array]:
         """Mobilisations of slips, those that act, their slopes [1/m], and the slips less those with them [m]."""
         found, acting, slopes = [], [], []
         own = numbering.with_frictional_holes([before.slip for before in state.friction], slips)
         for i, (law, slip, before) in enumerate(zip(laws, own, state.friction, strict=True)):
-            trial = law.trial(slip, before)
-            mobilised = np.clip(trial, -1.0, 1.0)
+            unlimited = law.trial(slip, before)
+            mobilised = np.clip(unlimited, -1.0, 1.0)
             flexibility = law.flexibility(mobilised, np.sign(slip - before.slip))
-            slope = np.where(np.abs(trial) < 1.0, 1.0 / flexibility, 0.0)
+            slope = np.where(np.abs(unlimited) < 1.0, 1.0 / flexibility, 0.0)
             ratio, bend = curves[i](slip, mobilised) if curves else (1.0, 0.0)
             found.append(mobilised)
             acting.append(mobilised * ratio)
@@ -244,9 +246,7 @@ def on_curves(
         error = slips - fixed - by_mobilisation @ (acts - present)
         return numbering.at_frictional_holes(found), acts, numbering.at_frictional_holes(slopes), error
 
-    present = numbering.at_frictional_holes(state.mobilisation)
     slips = start
-    smallest = ACCEPTED * min(law.presliding for law in laws)
     mobilised, acts, slopes, error = curve(slips)
     for _ in range(MAX_ITERATIONS):
         size = np.linalg.norm(error)
@@ -255,12 +255,12 @@ def on_curves(
         change = np.linalg.solve(np.eye(len(slips)) - by_mobilisation * slopes, error)
         part = 1.0
         while True:
-            trial = slips - part * change
-            mobilised, acts, slopes, error = curve(trial)
+            ahead = slips - part * change
+            mobilised, acts, slopes, error = curve(ahead)
             if np.linalg.norm(error) < size or part < LEAST_PART:
                 break
             part *= 0.5
-        slips = trial
+        slips = ahead
         if curves and part < LEAST_PART:
             # Where a coefficient falls with the slip rate there may be none.
             break

@@ -193,7 +193,7 @@ def effect_parameter(
     known = {p.name: p for p in chosen.parameters_of(experiment)}
     if parameter not in known:
         raise ValueError(f"effect {name}: no parameter {parameter!r}; it has {', '.join(known)}")
-    if name in ("frame_misalignment", "marker_offset"):
+    if chosen.is_of_reading:
         raise ValueError(
             f"effects.{name} acts on the measurement only; the robot itself does not depend on it"
         )
