@@ -8,8 +8,8 @@ way from a history ``(u0, s0)``, the law is a curve ``u - u0 = G(s) - G(s0)`` up
   grows smoothly and a reversal is felt at once (P. R. Dahl, A solid friction model, Aerospace Corp. report
   TOR-0158(3107-18)-1 (1968)).
 
-Adding a law takes its class here, its entry in `HYSTERESES`, its name in `HysteresisKind`, and a phrase in the docstring
-of `tdcr_fe.model.loading.Model`.
+Adding a law takes its class here, its entry in `HYSTERESES`, its name in `HysteresisKind`, and a phrase in the
+docstring of `tdcr_fe.model.loading.Model`.
 """
 
 from __future__ import annotations

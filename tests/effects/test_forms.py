@@ -35,18 +35,14 @@ def test_forms_follow_from_the_robot():
     assert kinds == [f"tendon_stretch{k}" for k in (*several, " (tip)", " (near)", " (far)", " (next)")]
     alone = Experiment(replace(TWO, tendons=TWO.tendons[:1]), MODEL)
     assert [f.name for f in effect("tendon_stretch").forms(alone)] == ["tendon_stretch"]
-    one_segment = Experiment(three(), MODEL)
     parts = ("", " (each)", " (t1)", " (t2)", " (t3)")
-    assert [f.name for f in effect("pretension").forms(one_segment)] == [f"pretension{k}" for k in parts]
+    assert [f.name for f in effect("pretension").forms(Experiment(three(), MODEL))] == [
+        f"pretension{k}" for k in parts
+    ]
     assert all(f.listed == e.name for e in EFFECTS for f in e.forms(SETUP))
-
-
-def test_a_form_of_one_tendon_or_marker_says_where_it_acts():
-    forms = (*effect("pretension").forms(SETUP), *effect("marker_offset").forms(SETUP))
-    places = {f.name: f.kind.where for f in forms}
-    assert places["pretension (far)"] == "tendon far"
-    assert places["marker_offset (marker 1)"] == "the marker at s = 0.125 m"
-    assert places["marker_offset (each)"] == "everywhere"
+    where = {f.name: f.kind.where for e in EFFECTS for f in e.forms(SETUP)}
+    assert where["pretension (far)"] == "tendon far"
+    assert where["marker_offset (marker 1)"] == "the marker at s = 0.125 m"
 
 
 @pytest.mark.parametrize("e", EFFECTS, ids=lambda e: e.name)

@@ -90,8 +90,8 @@ class SegmentResponse(NamedTuple):
         """From the tangent, in which tensions change with the turning angles.
 
         A given tension ``t`` is the sum of one that is put on, and of what the angles add to it. With the response
-        ``X`` to what is put on, and ``x0`` to the loads, unknowns, lengths and angles are ``x = x0 + X (t - B x)``, where
-        ``B`` gives what the angles add. So ``x = X (1 + B X)^-1 (t - B x0) + x0``.
+        ``X`` to what is put on, and ``x0`` to the loads, unknowns, lengths and angles are ``x = x0 + X (t - B x)``,
+        where ``B`` gives what the angles add. So ``x = X (1 + B X)^-1 (t - B x0) + x0``.
 
         Parameters
         ----------
