@@ -101,10 +101,8 @@ class FrictionCoupling(NamedTuple):
             if part.driven.size:
                 by_base = slips.matrix[part.driven, m:]
                 by_base[slack[part.robot]] = 0.0
-                columns[part.tensions, here], rows[here, part.tensions] = (
-                    by_base,
-                    slips.matrix[m:, part.driven],
-                )
+                columns[part.tensions, here] = by_base
+                rows[here, part.tensions] = slips.matrix[m:, part.driven]
         columns[numbering.clamped] = 0.0
         return cls(columns, rows, own)
 
