@@ -36,7 +36,7 @@ BUDGET = {
     "tdcr_fe/model": 2406,
     "tdcr_fe/report": 1081,
     "tdcr_fe/scene": 1325,
-    "tdcr_fe/solve": 6175,
+    "tdcr_fe/solve": 6180,
     "tdcr_fe/sweeps": 1370,
     "validation": 6409,
     "tests": 12500,

@@ -160,7 +160,13 @@ class SubstepSolver:
         # A damped motion would take what nothing holds along, or leave it where it is, and pass what is too soft.
         if failed.status is NewtonStatus.CONTACT_TOO_DEEP or self._free(state):
             raise self.failure(state, start, end, failed, failed.iterations)
-        guess = self._pushed(state, failed) if failed.status is NewtonStatus.UNSTABLE else state
+        guess = state
+        if failed.status is NewtonStatus.UNSTABLE:
+            guess = self._pushed(state, failed)
+        elif self.system.has_contact:
+            # The path may have been unstable before: where it is symmetric, nothing else leads aside of it.
+            own = failed._replace(state=state, target=self.ramp.apply(self.system, start))
+            guess = self._pushed(state, own)
         target = self.ramp.apply(self.system, end)
         guess, spent = guess._replace(tangent_sign=self._stable_sign(guess, target)), 0
         for factor in RESCUE_FACTORS:
