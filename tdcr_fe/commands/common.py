@@ -8,6 +8,7 @@ from __future__ import annotations
 import _thread
 import argparse
 import shlex
+import signal
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -86,7 +87,10 @@ LOOK, LONG_RUN = 5.0, 60.0
 
 
 class Clock:
-    """Announces long work after some seconds, and interrupts it at its time limit as Ctrl-C does."""
+    """Announces long work after some seconds, and interrupts it at its time limit.
+
+    As SIGTERM does, which the commands handle like Ctrl-C. Jobs in the background ignore the signal of Ctrl-C.
+    """
 
     def __init__(self, total: int, noun: str, minutes: float | None) -> None:
         self.total, self.noun, self.minutes = total, noun, minutes
@@ -110,7 +114,7 @@ class Clock:
             if elapsed > limit:
                 self.reason = f"stopped at the time limit of {count(limit / 60.0, 'minute')}"
                 wait = LOOK  # and again, until the work has ended: a callback of Exudyn may lose it
-                _thread.interrupt_main()
+                _thread.interrupt_main(signal.SIGTERM)
                 continue
             # The first ones may each take long, on every mesh that is tried.
             some = self.solved > max(before, self.total // 20)

@@ -110,7 +110,7 @@ def test_an_interruption_that_is_lost_is_sent_again(monkeypatch):
     """As where a callback of Exudyn swallows it, in a load step that would take for ever."""
     sent = []
     monkeypatch.setattr(common, "LOOK", 0.02)
-    monkeypatch.setattr("tdcr_fe.commands.common._thread.interrupt_main", lambda: sent.append(1))
+    monkeypatch.setattr("tdcr_fe.commands.common._thread.interrupt_main", sent.append)
     with common.Clock(1, "load step", minutes=1e-4).running():
         time.sleep(0.5)
     assert len(sent) > 2 and common.count(1.0, "minute") == "1 minute"  # it was "1 minutes"
