@@ -58,8 +58,8 @@ def dictionary(problem: FitProblem, state: BayState) -> tuple[Effect, ...]:
 
 def unlisted(problem: FitProblem, state: BayState) -> list[Cause]:
     """All unlisted causes."""
-    found = [*_along(problem), *input_causes(problem), *_loads_and_base(problem), *_rough_holes(problem)]
-    found += [*_compressible(problem, state), *_friction_laws(problem, state)]
+    found = [*_along(problem), *_loads_and_base(problem), *_rough_holes(problem)]
+    found += [*input_causes(problem, state), *_compressible(problem, state), *_friction_laws(problem, state)]
     found += [*_sensors(problem), *_readings(problem)]
     robot = problem.experiment.robot
     if robot.tendons and not robot.without_disks:

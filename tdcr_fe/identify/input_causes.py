@@ -14,7 +14,7 @@ from scipy.integrate import cumulative_trapezoid
 from tdcr_fe.effects import Experiment, Parameter
 from tdcr_fe.effects.base import Kind, Values
 from tdcr_fe.elements import Array, Flags
-from tdcr_fe.identify.bay_state import last_direction
+from tdcr_fe.identify.bay_state import BayState, last_direction
 from tdcr_fe.identify.causes import Cause, ChangedDescription, number, settling_span
 from tdcr_fe.identify.criteria import PER_FACTOR
 from tdcr_fe.identify.rows import clock_of, possible_starts, progress_along
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     from tdcr_fe.identify.problem import FitProblem
 
 
-def input_causes(problem: FitProblem) -> list[Cause]:
-    """Inputs other than commanded."""
-    own, clock, data = _Inputs.of(problem), clock_of(problem.data), problem.data
+def input_causes(problem: FitProblem, state: BayState) -> list[Cause]:
+    """Inputs other than commanded; ``state``: of the declared model."""
+    own, clock, data = _Inputs.of(problem, state), clock_of(problem.data), problem.data
     if not own.names:
         return []
     by_row = [*own.lags(data), *own.jumps(data)] if clock and not data.parts else []
@@ -107,23 +107,31 @@ class _Inputs(NamedTuple):
     largest: tuple[float, ...]  # Largest input of each of these [N or m]
     most: float  # Largest input of all [N or m]
     unit: str
+    rows: Array  # progress of the rows, shape (K,)
+    # Mean along every tendon of its tension squared, over the largest, shape (K, m); zero where it would change nothing
+    squared: Array
 
     @classmethod
-    def of(cls, problem: FitProblem) -> _Inputs:
-        """The inputs of the declared loading sequence that change."""
+    def of(cls, problem: FitProblem, state: BayState) -> _Inputs:
+        """The inputs of the declared loading sequence that change; ``state``: see `input_causes`."""
         actions, tendons = resolve(problem.data.robot, problem.data.steps), problem.data.robot.tendon_names
         commands = np.array([a.values for a in actions]).reshape(len(actions), -1)
         driven = np.flatnonzero(np.ptp(commands, axis=0) > 0.0)
         displaced = driven.size and actions[0].by_displacement[driven[0]]
         names, sizes = tuple(tendons[i] for i in driven), np.max(np.abs(commands), axis=0, initial=0)
         most = float(np.max(sizes, initial=0.0))
-        return cls(tendons, names, tuple(sizes[driven].tolist()), most, "m" if displaced else "N")
+        squared = np.einsum("b,kbt->kt", np.diff(state.edges), state.tension**2)
+        # Where several sequences are joined, progress does not tell which one a step is in.
+        squared = squared * bool(displaced and not problem.data.parts) / (np.max(squared, initial=0.0) or 1.0)
+        unit, rows = "m" if displaced else "N", progress_along(problem.data.steps)
+        return cls(tendons, names, tuple(sizes[driven].tolist()), most, unit, rows, squared)
 
     def by_law(self, clock: str) -> Iterator[Cause]:
         """Off by a constant, by a part that grows with them, or that changes along the rows: all, each or one."""
         most, grows = self.most, "the gain of the inputs depends on their size"
         gain_settles, (span, spans) = "the gain of the inputs settles", settling_span("1", 1.0)
         missing = "a share of the largest input so far is missing"
+        unequal = "the tendons' stretch is not in proportion to their tension"
 
         def settled(p: Array, values: Values) -> Array:
             return 1.0 - np.exp(-p / values["span"])
@@ -134,6 +142,9 @@ class _Inputs(NamedTuple):
 
         def so_far(u: Array, p: Array, _: Values) -> Array:
             return cumulative_trapezoid(np.maximum(u, 0.0), p, axis=0, initial=0)
+
+        def stretched(u: Array, p: Array, _: Values) -> Array:
+            return -np.stack([np.interp(p[:, 0], self.rows, own) for own in self.squared.T], axis=1)
 
         direction, another = "direction of loading", "the gain of the inputs is another one while they"
         laws: list[tuple[str, str, _InputLaw, str]] = [
@@ -146,6 +157,7 @@ class _Inputs(NamedTuple):
             ("offset that drifts", clock, lambda u, p, _: p, "the inputs drift"),
             ("gain that settles", clock, lambda u, *x: u * settled(*x), gain_settles),
             ("offset that settles", clock, lambda u, *x: settled(*x), "the inputs drift and settle"),
+            ("stretch by the square", "tension" * bool(self.squared.any()), stretched, unequal),
             ("gain over the time so far", clock * (self.unit == "m"), so_far, "pulled tendons give way"),
         ]
         for name, depends, shape, text in (law for law in laws if law[1]):
@@ -154,7 +166,8 @@ class _Inputs(NamedTuple):
             last, held = ((span,), spans) if name.endswith("settles") else ((), {})
             one = number("all", unit, (-0.9 * size, 3.0 * size), 0.0, 0.01 * size)
             each = tuple(replace(one, name=n) for n in self.names)
-            forms: dict[str, tuple[Parameter, ...]] = {"all": (one,)} if is_gain else {}
+            of_all = is_gain or shape is stretched
+            forms: dict[str, tuple[Parameter, ...]] = {"all": (one,)} if of_all else {}
             forms = {**forms, "each": each} if len(each) > 1 else {}
             for who, own in (forms | {p.name: (p,) for p in each}).items():
                 single = who in self.names
