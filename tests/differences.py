@@ -58,7 +58,7 @@ def _whole(experiment: Experiment, count: int, path: Substeps) -> tuple[dict[str
     if len(experiment.steps) == count:
         values, _, made = run(experiment, (), path)
         return values, made
-    last = [k for k, (_, factor) in enumerate(experiment.step_ends) if factor == 1.0]
+    last = [k for k, (_, factor) in enumerate(experiment.ends) if factor == 1.0]
     return {kind: v[last] for kind, v in run(experiment)[0].items()}, path
 
 

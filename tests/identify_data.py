@@ -42,7 +42,7 @@ def simulated(experiment, tolerance=2e-5, along=None, **rest):
 
 def positions(true, sigma=1e-4, seed=0, tolerance=2e-5, places=(0.1, LENGTH)):
     """Readings of the positions of markers in every step of an experiment, with noise."""
-    ids = tuple(range(1, true.step_ends[-1][0] + 2))
+    ids = tuple(range(1, true.ends[-1][0] + 2))
     readings = [Reading(n, f"position_{a}", s, 0.0, sigma) for n in ids for s in places for a in "xyz"]
     run = simulated(true, tolerance)
     assert run.solved

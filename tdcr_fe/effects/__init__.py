@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 
 from tdcr_fe.effects import actuation, by_tendon, observation, places, robot
 from tdcr_fe.effects.base import Effect as Effect
@@ -85,6 +85,17 @@ def with_effects(
             e.check(effects[e.name], experiment)
             experiment = e.apply(experiment, {**e.null_values(experiment), **effects[e.name]})
     return experiment
+
+
+def changed_by(
+    experiment: Experiment, effects: Mapping[str, Mapping[str, float]], catalogue: Sequence[Effect] = EFFECTS
+) -> dict[str, set[str]]:
+    """By effect, the fields of the experiment that it changes, after those before it; see `with_effects`."""
+    found, names = {}, [f.name for f in fields(Experiment)]
+    for name in (e.name for e in catalogue if e.name in effects):
+        before, experiment = experiment, with_effects(experiment, {name: effects[name]}, catalogue)
+        found[name] = {n for n in names if getattr(before, n) != getattr(experiment, n)}
+    return found
 
 
 def with_effect(experiment: Experiment, name: str, **values: float) -> Experiment:

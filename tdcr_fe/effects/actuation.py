@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
-from tdcr_fe.effects.base import Bounds, Effect, ExcitationRange, Experiment, Kind, Parameter, Points, Values
-from tdcr_fe.effects.by_tendon import NumberForm, SharedNumber, for_each, of_single_tendons
+from tdcr_fe.effects.base import Bounds, Effect, ExcitationRange, Experiment, Kind, Parameter, Values
+from tdcr_fe.effects.by_tendon import NumberForm, SharedNumber, of_single_tendons
 from tdcr_fe.elements import Array
 from tdcr_fe.model.loading import Actuation, Load, LoadStep, resolve
 
@@ -101,27 +102,25 @@ def pass_through(
     slack
         Travel before which a tendon driven by displacement does not move at all [m].
     """
-    actions = resolve(experiment.robot, experiment.steps)
+    actions = resolve(experiment.robot, [LoadStep(), *experiment.steps])
     names = experiment.robot.tendon_names
     count = len(names)
     plays: list[Play | None] = []
     for i in range(count):
-        travel = [float(a.values[i]) for a in actions if a.by_displacement[i]]
+        travel = [float(a.values[i]) for a in actions[1:] if a.by_displacement[i]]
         plays.append(displacement(travel) if displacement is not None and travel else None)
-    command, arrived, moving = np.zeros(count), np.zeros(count), np.zeros(count, dtype=bool)
-    loads: Mapping[str, Load] = {}
-    time = 0.0
+    arrived, moving, begin = np.zeros(count), np.zeros(count, dtype=bool), 0.0
     steps: list[LoadStep] = []
     ends: list[tuple[int, float]] = []
-    begun: dict[int, float] = {}
-    for step, action, (commanded, done) in zip(experiment.steps, actions, experiment.step_ends, strict=True):
-        goal, begin = action.values, begun.get(commanded, 0.0)
+    each = zip(experiment.steps, itertools.pairwise(actions), experiment.ends, strict=True)
+    for step, (before, action), (commanded, done) in each:
+        command, goal = before.values, action.values
         play = [plays[i] if action.by_displacement[i] else tension for i in range(count)]
-        loaded = any(x != loads.get(n) for n, x in action.loads.items())
+        loaded = any(x != before.loads.get(n) for n, x in action.loads.items())
         factors = {1.0}
         if np.count_nonzero(goal != command) + loaded > 1:
             ramps = zip(play, arrived, command, goal, strict=True)
-            kinks = [None if p is None else p.kink(before, a, b) for p, before, a, b in ramps]
+            kinks = [None if p is None else p.kink(here, a, b) for p, here, a, b in ramps]
             for k in kinks:
                 # Tendons that begin to move together divide the step once, whatever the round-off.
                 if k is not None and min(abs(k - x) for x in factors) > 1e-9:
@@ -136,15 +135,12 @@ def pass_through(
                     arrived[i] = p.arrive(float(arrived[i]), float(there[i]))
             part = step
             if factor < 1.0:
-                then = None if step.time is None else time + factor * (step.time - time)
-                part = replace(step, loads=loads_between(loads, step.loads, factor), time=then)
+                then = None if step.time is None else before.time + factor * (step.time - before.time)
+                part = replace(step, loads=loads_between(before.loads, step.loads, factor), time=then)
             steps.append(with_commands(part, dict(zip(names, arrived.tolist(), strict=True))))
             ends.append((commanded, float(begin + factor * (done - begin))))
-        begun[commanded] = done
-        command, loads = goal.copy(), action.loads
-        time = step.time if step.time is not None else time
-    divided = experiment.ends is not None or len(steps) > len(experiment.steps)
-    return replace(experiment, steps=tuple(steps), ends=tuple(ends) if divided else None)
+        begin = done % 1.0  # a commanded step that has parts goes on
+    return replace(experiment, steps=tuple(steps), ends=tuple(ends))
 
 
 class ActuatorBacklash(Effect):
@@ -159,24 +155,18 @@ class ActuatorBacklash(Effect):
     name = "actuator_backlash"
     kind = Kind("input", ("direction of loading",))
     parameters = (Parameter("backlash", "m", 0.0, 0.05, 0.0, 1e-4, "travel that is lost"),)
-    _middle = replace(
-        parameters[0], name="from_middle", meaning="travel that is lost, half of it at the start"
+    more = (
+        replace(parameters[0], name="from_middle", meaning="travel that is lost, half of it at the start"),
     )
-    further: ClassVar[Mapping[str, Parameter]] = {"^from_middle$": _middle}
 
     def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
         """All of it is lost at the start, or half of it."""
         return self, NumberForm(self, "from the middle", ["from_middle"], experiment)
 
-    def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
-        """The travel that is lost at the start, and that of which half is lost there."""
-        return *self.parameters, self._middle
-
-    def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
-        """A twentieth and a fifth of the largest displacement; nothing on data driven by tension."""
-        if not any(s.displacements for s in experiment.steps):
-            return []
-        return [[{"backlash": share * excitation.displacement}] for share in (0.05, 0.2)]
+    def typical_steps(self, experiment: Experiment, excitation: ExcitationRange) -> dict[str, float]:
+        """A fifth of the largest displacement; nothing on data driven by tension."""
+        driven = any(s.displacements for s in experiment.steps)
+        return {"backlash": 0.2 * excitation.displacement} if driven else {}
 
     def bounds(self, experiment: Experiment) -> Bounds:
         """Up to the largest displacement."""
@@ -211,15 +201,10 @@ class ActuatorLoss(Effect):
         Parameter("efficiency", "1", 0.3, 1.0, 1.0, 0.02, "fraction of the rest that arrives"),
     )
 
-    def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
-        """Dead bands of a fiftieth and a tenth of the largest tension; nothing on data driven by displacement."""
-        if not any(s.tensions for s in experiment.steps):
-            return []
-        most = excitation.tension
-        return [
-            [{"dead_band": share * most, "efficiency": 1.0}, {"dead_band": 0.0, "efficiency": 1.0 - share}]
-            for share in (0.02, 0.1)
-        ]
+    def typical_steps(self, experiment: Experiment, excitation: ExcitationRange) -> dict[str, float]:
+        """A tenth of the largest tension; nothing on data driven by displacement."""
+        driven = any(s.tensions for s in experiment.steps)
+        return {"dead_band": 0.1 * excitation.tension, "efficiency": -0.1} if driven else {}
 
     def bounds(self, experiment: Experiment) -> Bounds:
         """A dead band up to the largest tension."""
@@ -258,14 +243,13 @@ class CommandNumber(SharedNumber):
                 forms.append(NumberForm(self, kind_each, names, experiment))
         return (*forms, *of_single_tendons(self, experiment))
 
-    def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
-        """Numbers for all, for each tendon, for each folder, and for each tendon in each folder."""
+    def parts_of(self, experiment: Experiment) -> dict[str, str]:
+        """Each tendon, each folder, and each tendon in each folder."""
         tendons = experiment.robot.tendon_names
         folders = range(1, experiment.folder_count + 1) if experiment.folder_count > 1 else ()
         parts = {t: t for t in tendons}
         parts |= {f"folder_{k}": f"folder {k}" for k in folders if f"folder_{k}" not in tendons}
-        parts |= {f"{t}_folder_{k}": f"{t} in folder {k}" for k in folders for t in tendons}
-        return (*self.parameters, *for_each(self.parameters, parts))
+        return parts | {f"{t}_folder_{k}": f"{t} in folder {k}" for k in folders for t in tendons}
 
     def number(self, experiment: Experiment, values: Values, tendon: str) -> float:
         """The number of a tendon in the experiment's folder."""
@@ -317,13 +301,10 @@ class IdleTension(CommandNumber):
     kind = Kind("input", ("nothing",))
     parameters = (Parameter("tension", "N", 0.0, 20.0, 0.0, 0.02, "least tension of a tendon"),)
 
-    def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
+    def typical_steps(self, experiment: Experiment, excitation: ExcitationRange) -> dict[str, float]:
         """A fiftieth of the largest tension; nothing where every tendon is always commanded more, or a displacement."""
-        commands = [t for s in experiment.steps for t in s.tensions.values()]
-        probe = 0.02 * excitation.tension
-        if not any(t > 0.0 for t in commands) or min(commands) >= probe:
-            return []
-        return [[{"tension": probe}]]
+        commands, step = [t for s in experiment.steps for t in s.tensions.values()], 0.02 * excitation.tension
+        return {"tension": step} if any(t > 0.0 for t in commands) and min(commands) < step else {}
 
     def bounds(self, experiment: Experiment) -> Bounds:
         """Up to the largest tension."""
@@ -369,12 +350,11 @@ class TimeLag(Effect):
         longest = 4.0 * float(np.median(pauses)) if np.any(pauses > 0.0) else 1e-3
         return {"lag": (0.0, longest)}
 
-    def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
-        """A tenth and a half of the median time between steps; nothing on data without times."""
-        if not experiment.steps or any(s.time is None for s in experiment.steps):
-            return []
-        longest = self.bounds(experiment)["lag"][1]
-        return [[{"lag": share * longest}] for share in (0.025, 0.125)] if excitation.duration > 0.0 else []
+    def typical_steps(self, experiment: Experiment, excitation: ExcitationRange) -> dict[str, float]:
+        """Half of the median time between steps; nothing on data without times."""
+        timed = experiment.steps and all(s.time is not None for s in experiment.steps)
+        step = 0.125 * self.bounds(experiment)["lag"][1]
+        return {"lag": step} if timed and excitation.duration > 0.0 else {}
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`. Between two steps, inputs and loads change linearly with time.
@@ -391,10 +371,10 @@ class TimeLag(Effect):
         at = np.array(times, dtype=float)
         actions = resolve(experiment.robot, experiment.steps)
         first, *later = experiment.whole_steps
-        steps, ends = list(experiment.steps[: first + 1]), list(experiment.step_ends[: first + 1])
+        steps, ends = list(experiment.steps[: first + 1]), list(experiment.ends[: first + 1])
         begin, j = at[first], first
         for k in later:
-            commanded = experiment.step_ends[k][0]
+            commanded = experiment.ends[k][0]
             end = max(at[k] - lag, at[first])
             while j + 1 < len(at) and at[j + 1] < end:
                 j += 1

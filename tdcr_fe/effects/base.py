@@ -5,12 +5,12 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, NamedTuple
+from dataclasses import dataclass, field, is_dataclass, replace
+from typing import Any, NamedTuple
 
 from tdcr_fe.model.loading import LoadStep, Model
 from tdcr_fe.model.observed_step import Observation
-from tdcr_fe.model.robot import Robot
+from tdcr_fe.model.robot import Robot, Tendon
 
 Values = Mapping[str, float]
 #: Alternatives; each is a set of points, one for each direction from the null values.
@@ -46,7 +46,7 @@ class Experiment:
     model: Model
     steps: tuple[LoadStep, ...] = ()
     observation: Observation = field(default_factory=Observation)
-    ends: tuple[tuple[int, float], ...] | None = None
+    ends: tuple[tuple[int, float], ...] = ()
     restarts: tuple[int, ...] = ()
     folder: int = 1
     folders: int = 1
@@ -56,31 +56,27 @@ class Experiment:
         """How many folders of measured data there are, of all of which or of one of which this is."""
         return max(self.folders, len(self.restarts) + 1)
 
-    @property
-    def step_ends(self) -> tuple[tuple[int, float], ...]:
-        """For every step, the commanded step it belongs to and its load factor at the end."""
-        return self.ends if self.ends is not None else tuple((k, 1.0) for k in range(len(self.steps)))
+    def __post_init__(self) -> None:
+        if len(self.ends) != len(self.steps):
+            object.__setattr__(self, "ends", tuple((k, 1.0) for k in range(len(self.steps))))
 
     @property
     def whole_steps(self) -> list[int]:
         """Numbers of the steps, from 0, with which commanded ones end."""
-        return [j for j, (_, factor) in enumerate(self.step_ends) if factor == 1.0]
+        return [j for j, (_, factor) in enumerate(self.ends) if factor == 1.0]
 
     @property
     def sequences(self) -> tuple[Experiment, ...]:
         """One experiment for each loading sequence that begins with the unloaded robot."""
         if not self.restarts:
             return (self,)
-        ends = self.step_ends
-        bounds = (0, *self.restarts, ends[-1][0] + 1)
+        bounds = (0, *self.restarts, self.ends[-1][0] + 1)
         sequences = []
         for number, (first, last) in enumerate(itertools.pairwise(bounds), 1):
-            chosen = [j for j, (k, _) in enumerate(ends) if first <= k < last]
-            divided = None
-            if self.ends is not None:
-                divided = tuple((ends[j][0] - first, ends[j][1]) for j in chosen)
-            part = replace(self, steps=tuple(self.steps[j] for j in chosen), ends=divided, restarts=())
-            sequences.append(replace(part, folder=number, folders=self.folder_count))
+            every = zip(self.steps, self.ends, strict=True)
+            own = [(step, (k - first, factor)) for step, (k, factor) in every if first <= k < last]
+            part = replace(self, folder=number, folders=self.folder_count, restarts=())
+            sequences.append(replace(part, steps=tuple(s for s, _ in own), ends=tuple(e for _, e in own)))
         return tuple(sequences)
 
     def with_sequences(self, change: Callable[[Experiment], Experiment]) -> Experiment:
@@ -88,13 +84,11 @@ class Experiment:
         if not self.restarts:
             return change(self)
         parts = [change(s) for s in self.sequences]
-        ends: list[tuple[int, float]] = []
-        for first, part in zip((0, *self.restarts), parts, strict=True):
-            ends += [(first + k, factor) for k, factor in part.step_ends]
-        divided = any(part.ends is not None for part in parts)
+        firsts = zip((0, *self.restarts), parts, strict=True)
+        ends = tuple((first + k, factor) for first, part in firsts for k, factor in part.ends)
         steps = tuple(step for part in parts for step in part.steps)
         whole = replace(parts[0], folder=self.folder, folders=self.folders, restarts=self.restarts)
-        return replace(whole, steps=steps, ends=tuple(ends) if divided else None)
+        return replace(whole, steps=steps, ends=ends)
 
     @property
     def largest_tension(self) -> float:
@@ -108,6 +102,10 @@ class Experiment:
     def with_backbone(self, **changes: Any) -> Experiment:
         """A copy with fields of the backbone replaced."""
         return self.with_robot(backbone=replace(self.robot.backbone, **changes))
+
+    def with_tendons(self, change: Callable[[Tendon], Tendon]) -> Experiment:
+        """A copy with every tendon changed."""
+        return self.with_robot(tendons=tuple(map(change, self.robot.tendons)))
 
     def with_friction(self) -> Experiment:
         """The same with friction switched on, where the declared model has none and can have it."""
@@ -176,6 +174,31 @@ class ExcitationRange:
     duration: float = 0.0
 
 
+def value_at(found: Any, path: Sequence[str]) -> Any:
+    """The value at a path of fields, keys and indices."""
+    for token in path:
+        if is_dataclass(found):
+            found = getattr(found, token)
+        elif isinstance(found, Mapping):
+            found = found[token]
+        else:
+            found = found[int(token)]
+    return found
+
+
+def with_value_at(found: Any, path: Sequence[str], value: Any) -> Any:
+    """A copy with another value at a path."""
+    if not path:
+        return value
+    token, rest = path[0], path[1:]
+    if is_dataclass(found) and not isinstance(found, type):
+        return replace(found, **{token: with_value_at(getattr(found, token), rest, value)})
+    if isinstance(found, Mapping):
+        return {**found, token: with_value_at(found[token], rest, value)}
+    k = int(token)
+    return (*found[:k], with_value_at(found[k], rest, value), *found[k + 1 :])
+
+
 class Kind(NamedTuple):
     """What a cause perturbs, what that depends on, and where it acts; words as in `result.json`."""
 
@@ -214,12 +237,16 @@ class Effect:
     needs_disks: bool = False
     #: Whether it acts through the friction of the tendons, and so cannot be in a model without.
     needs_friction: bool = False
-    #: See `choices`.
+    #: From how many of the same kind this one is chosen: at other places, or of other tendons or markers.
     among: int = 1
     #: Effects that may have to be there before data can show this one.
     after: tuple[str, ...] = ()
-    #: See `further_parameters`.
-    further: ClassVar[Mapping[str, Parameter]] = {}
+    #: Where its numbers stand in an experiment, which are then the null values: one, or one each.
+    stands_at: tuple[str, ...] = ()
+    #: Parameters beside `parameters`, which have their null values unless they are given.
+    more: tuple[Parameter, ...] = ()
+    #: How the names of `parts_of` look, as a regular expression; empty where there are none.
+    part_names: str = ""
 
     def __init_subclass__(cls) -> None:
         """Take description and separating experiment from a docstring with these paragraphs, and name the kind."""
@@ -246,10 +273,6 @@ class Effect:
         """Whether it acts on the measurement only, so that the robot itself does not depend on it."""
         return self.kind.perturbs == "reading"
 
-    def choices(self, robot: Robot) -> int:
-        """From how many of the same kind this one is chosen: at other places, or of other tendons or markers."""
-        return self.among
-
     def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
         """What a search tries along a whole robot: the effect itself, or with other numbers of parameters."""
         return () if self.needs_disks and experiment.robot.without_disks else (self,)
@@ -260,16 +283,20 @@ class Effect:
 
     def null_values(self, experiment: Experiment) -> dict[str, float]:
         """Values at which it changes nothing in ``experiment``."""
-        return {p.name: p.null_value for p in self.parameters}
+        if not self.stands_at:
+            return {p.name: p.null_value for p in self.parameters}
+        found = value_at(experiment, self.stands_at)
+        numbers = zip(self.parameters, found if isinstance(found, tuple) else (found,), strict=True)
+        return {p.name: math.inf if x is None else x for p, x in numbers}
+
+    def parts_of(self, experiment: Experiment) -> dict[str, str]:
+        """Parts of an experiment that may have numbers of their own, such as tendons: by name, what they are."""
+        return {}
 
     def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
-        """All parameters that may be given for an experiment, such as one for each tendon."""
-        return self.parameters
-
-    @property
-    def further_parameters(self) -> Mapping[str, Parameter]:
-        """Parameters besides `parameters` whose names depend on the experiment, by regular expression of the name."""
-        return self.further
+        """All parameters that may be given for an experiment, also those of single parts: ``NAME_PART``."""
+        common = (*self.parameters, *self.more)
+        return (*common, *for_each(common, self.parts_of(experiment)))
 
     def null_value(self, experiment: Experiment, name: str) -> float:
         """Value at which one parameter of `parameters_of` changes nothing."""
@@ -293,7 +320,10 @@ class Effect:
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """The experiment with the effect; all parameters are given."""
-        raise NotImplementedError
+        if not self.stands_at:
+            raise NotImplementedError
+        numbers = tuple(None if math.isinf(x := values[p.name]) else x for p in self.parameters)
+        return with_value_at(experiment, self.stands_at, numbers if len(numbers) > 1 else numbers[0])
 
     def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
         """Probe points near the null values, whose finite differences give the sensitivities.
@@ -303,8 +333,13 @@ class Effect:
         list of list of dict
             Alternatives; each is a set of points, one for each direction from the null values.
         """
-        null = self.null_values(experiment)
-        return [[{**null, p.name: null[p.name] + p.scale} for p in self.parameters]]
+        null, steps = self.null_values(experiment), self.typical_steps(experiment, excitation)
+        moved = [(p, p.coordinate(null[p.name]) + steps[p.name]) for p in self.parameters if p.name in steps]
+        return [[{**null, p.name: p.value(x)} for p, x in moved]] if moved else []
+
+    def typical_steps(self, experiment: Experiment, excitation: ExcitationRange) -> dict[str, float]:
+        """By parameter, a change of its coordinate that these data show; without those that they cannot show."""
+        return {p.name: p.scale for p in self.parameters}
 
     def alone(self, values: Values, experiment: Experiment) -> dict[str, float]:
         """Values that do to one folder of measured data alone what these do to it among several."""
@@ -331,6 +366,15 @@ class Effect:
                 raise ValueError(f"effect {self.name}: {name} = {value:g}; {text}")
 
 
+def for_each(parameters: Sequence[Parameter], parts: Mapping[str, str]) -> tuple[Parameter, ...]:
+    """Parameters for each of several parts, given by the end of the name and what is added to the meaning."""
+    return tuple(
+        replace(p, name=f"{p.name}_{end}", meaning=f"{p.meaning}: {part}")
+        for end, part in parts.items()
+        for p in parameters
+    )
+
+
 class Form(Effect):
     """A listed effect with other parameters: some of `Effect.parameters_of`.
 
@@ -344,19 +388,20 @@ class Form(Effect):
         Names of the parameters.
     experiment
         Whose tendons or markers they belong to.
-    among
-        See `Effect.choices`.
     """
 
-    def __init__(
-        self, of: Effect, kind: str, names: Sequence[str], experiment: Experiment, among: int = 1
-    ) -> None:
-        self.of, self.name, self.among = of, f"{of.name} ({kind})", among
+    def __init__(self, of: Effect, kind: str, names: Sequence[str], experiment: Experiment) -> None:
+        self.of, self.name = of, f"{of.name} ({kind})"
         self.description, self.separating_experiment = of.description, of.separating_experiment
         for name in ("kind", "after", "exact_derivatives", "needs_friction"):
             setattr(self, name, getattr(of, name))
         known = {p.name: p for p in of.parameters_of(experiment)}
         self.parameters = tuple(known[n] for n in names)
+
+    def one_of(self, count: int, where: str) -> Form:
+        """The same as one of so many of its kind, which acts there: of single tendons or markers."""
+        self.among, self.kind = count, self.kind._replace(where=where)
+        return self
 
     @property
     def listed(self) -> str:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, ClassVar
 
 from tdcr_fe.effects import base
-from tdcr_fe.effects.base import Effect, ExcitationRange, Experiment, Form, Kind, Parameter, Points, Values
+from tdcr_fe.effects.base import Effect, ExcitationRange, Experiment, Form, Kind, Parameter, Values
 from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.robot import Robot, Tendon
 
@@ -23,25 +22,13 @@ def segments(robot: Robot) -> tuple[tuple[str, ...], ...]:
     return tuple(tuple(names) for names in by_segment)
 
 
-def for_each(parameters: Sequence[Parameter], parts: Mapping[str, str]) -> tuple[Parameter, ...]:
-    """Parameters for each of several parts, given by the end of the name and what is added to the meaning."""
-    return tuple(
-        replace(p, name=f"{p.name}_{end}", meaning=f"{p.meaning}: {part}")
-        for end, part in parts.items()
-        for p in parameters
-    )
-
-
 class SharedNumber(Effect):
     """An effect that gives every tendon one number, ``parameters[0]``, and has others for some of the tendons.
 
     The names of these begin with that of the number of all. The most particular one that is given counts.
     """
 
-    @property
-    def further_parameters(self) -> Mapping[str, Parameter]:
-        """See `Effect.further_parameters`."""
-        return {f"^{self.parameters[0].name}_.+$": self.parameters[0]}
+    part_names = ".+"
 
 
 class TendonNumber(SharedNumber):
@@ -92,12 +79,11 @@ class TendonNumber(SharedNumber):
             forms = (*forms, NumberForm(self, "each", list(self._each(experiment.robot)), experiment))
         return (*forms, *of_single_tendons(self, experiment))
 
-    def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
-        """Numbers for all tendons, for each segment where there are several, and for each tendon."""
+    def parts_of(self, experiment: Experiment) -> dict[str, str]:
+        """Each segment where there are several, and each tendon."""
         groups = self._groups(experiment.robot)
         named = (groups if len(groups) > 1 else {}) | self._each(experiment.robot)
-        parts = {name.removeprefix(f"{self._name}_"): ", ".join(names) for name, names in named.items()}
-        return (*self.parameters, *for_each(self.parameters, parts))
+        return {name.removeprefix(f"{self._name}_"): ", ".join(names) for name, names in named.items()}
 
     def null_values(self, experiment: Experiment) -> dict[str, float]:
         """The declared number; where tendons differ, their mean."""
@@ -120,26 +106,28 @@ class TendonNumber(SharedNumber):
         return any(x != self.null_value(experiment, name) for name, x in values.items())
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
-        """See `Effect.apply`; friction is switched on where the model has none and the effect needs it."""
+        """See `Effect.apply`; friction is switched on where the model has none and the effect needs it.
+
+        Tendons whose number is not given then stay without.
+        """
         if self.needs_friction and not (experiment.robot.tendons and self.changes(experiment, values)):
             return experiment
         # Of the parameters that are given, a tendon takes the most particular one, which is the last.
         given = [(key, names) for key, names in self._parts(experiment.robot).items() if key in values]
         key_of = {t: key for key, names in given for t in names}
         nulls = {key: self.null_value(experiment, key) for key in set(key_of.values())}
-        tendons = []
-        for t in experiment.robot.tendons:
-            key = key_of.get(t.name)
-            if key is not None and self.applies_to(t):
-                declared, null, value = self.declared(experiment, t), nulls[key], values[key]
-                if value == null:
-                    value = declared
-                elif declared != null:
-                    value = self.combined(declared, null, value)
-                t = self.with_number(t, value)
-            tendons.append(t)
-        changed = experiment.with_robot(tendons=tuple(tendons))
-        return changed.with_friction() if self.needs_friction else changed
+
+        def changed(t: Tendon) -> Tendon:
+            if not self.applies_to(t):
+                return t
+            number, key = self.declared(experiment, t), key_of.get(t.name)
+            if key is not None and values[key] != nulls[key]:
+                same = number == nulls[key]
+                number = values[key] if same else self.combined(number, nulls[key], values[key])
+            return self.with_number(t, number)
+
+        found = experiment.with_tendons(changed)
+        return found.with_friction() if self.needs_friction else found
 
     @property
     def _name(self) -> str:
@@ -167,30 +155,18 @@ class NumberForm(Form):
         (limits,) = self.of.bounds(experiment).values()
         return {p.name: limits for p in self.parameters}
 
-    def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
+    def typical_steps(self, experiment: Experiment, excitation: ExcitationRange) -> dict[str, float]:
         """Each number by as much as that of all."""
-        null, one = self.null_values(experiment), self.of.parameters[0]
-        common = one.coordinate(self.of.null_values(experiment)[one.name])
-        alternatives = []
-        for points in self.of.probe_points(experiment, excitation):
-            by = one.coordinate(points[0][one.name]) - common
-            alternatives.append([{**null, n: one.value(one.coordinate(x) + by)} for n, x in null.items()])
-        return alternatives
-
-
-class OfTendon(NumberForm):
-    """The number of a single tendon, whose name stands in its own."""
-
-    def __init__(self, of: Effect, tendon: str, *others: Any) -> None:
-        super().__init__(of, tendon, *others)
-        self.kind = of.kind._replace(where=f"tendon {tendon}")
+        steps = self.of.typical_steps(experiment, excitation).values()
+        return {p.name: step for step in steps for p in self.parameters}
 
 
 def of_single_tendons(effect: SharedNumber, experiment: Experiment) -> tuple[Effect, ...]:
     """The number of an effect for one tendon, of every tendon of a robot; none where there is only one."""
     name, tendons = effect.parameters[0].name, experiment.robot.tendon_names
-    several = tendons if len(tendons) > 1 else ()
-    return tuple(OfTendon(effect, t, (f"{name}_{t}",), experiment, len(tendons)) for t in several)
+    count, several = len(tendons), tendons if len(tendons) > 1 else ()
+    forms = ((t, NumberForm(effect, t, (f"{name}_{t}",), experiment)) for t in several)
+    return tuple(form.one_of(count, f"tendon {t}") for t, form in forms)
 
 
 class TendonStretch(TendonNumber):
@@ -222,14 +198,13 @@ class TendonStretch(TendonNumber):
         by = one.coordinate(value) - one.coordinate(null)
         return one.value(max(0.0, one.coordinate(declared) + by))
 
-    def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
+    def typical_steps(self, experiment: Experiment, excitation: ExcitationRange) -> dict[str, float]:
         """Stretch by a tenth of what is pulled in at the largest tension."""
         longest = max((experiment.robot.end(t) for t in experiment.robot.tendons), default=0.0)
         if longest == 0.0:
-            return []
+            return {}
         share = max(0.1 * excitation.displacement, 1e-5 * longest) / longest
-        compliance = self.parameters[0].coordinate(self.null_values(experiment)["axial_stiffness"])
-        return [[{"axial_stiffness": 1.0 / (compliance + share / max(excitation.tension, 1e-6))}]]
+        return {"axial_stiffness": share / max(excitation.tension, 1e-6)}
 
 
 class Pretension(TendonNumber):
@@ -266,14 +241,12 @@ class Pretension(TendonNumber):
             raise ValueError(f"effect pretension: {text}")
         return super().apply(experiment, values)
 
-    def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
-        """A twentieth and a half of the largest tension; nothing unless elastic tendons are driven by displacement."""
+    def typical_steps(self, experiment: Experiment, excitation: ExcitationRange) -> dict[str, float]:
+        """Half of the largest tension; nothing unless elastic tendons are driven by displacement."""
         robot, steps = experiment.robot, experiment.steps
         elastic = {t.name for t in robot.tendons if t.axial_stiffness is not None}
-        if not steps or not elastic or not elastic <= set(steps[0].displacements):
-            return []
-        null, largest = self.null_values(experiment)["tension"], max(excitation.tension, 0.01)
-        return [[{"tension": null + share * largest}] for share in (0.05, 0.5)]
+        shown = steps and elastic and elastic <= set(steps[0].displacements)
+        return {"tension": 0.5 * max(excitation.tension, 0.01)} if shown else {}
 
 
 # ------------------------------------------------------------------------------------------------------------- holes
@@ -296,14 +269,6 @@ class HoleFriction(TendonNumber):
         """Laws of the coefficient are kept."""
         return tendon.friction is None
 
-    def apply(self, experiment: Experiment, values: Values) -> Experiment:
-        """See `TendonNumber.apply`; without friction in the model, tendons with other numbers have none."""
-        if experiment.model.friction == "none" and self.changes(experiment, values):
-            tendons = experiment.robot.tendons
-            without = [self.with_number(t, 0.0) if self.applies_to(t) else t for t in tendons]
-            experiment = experiment.with_robot(tendons=tuple(without))
-        return super().apply(experiment, values)
-
 
 class HoleAdhesion(TendonNumber):
     """A tension drop at every hole that does not grow with the tension.
@@ -318,14 +283,11 @@ class HoleAdhesion(TendonNumber):
     needs_disks = needs_friction = True
     parameters = (Parameter("drop", "N", 0.0, 10.0, 0.0, 5e-3, "tension that one hole takes"),)
 
-    def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
-        """All holes together take a twentieth, or a fifth, of the largest tension."""
+    def typical_steps(self, experiment: Experiment, excitation: ExcitationRange) -> dict[str, float]:
+        """All holes together take a fifth of the largest tension."""
         robot = experiment.robot
         holes = max((len(robot.hole_arc_lengths(t)) - 2 for t in robot.tendons), default=0)
-        if holes < 1:
-            return []
-        declared = self.null_values(experiment)["drop"]
-        return [[{"drop": declared + share * excitation.tension / holes}] for share in (0.05, 0.2)]
+        return {"drop": 0.2 * excitation.tension / holes} if holes > 0 else {}
 
 
 class HoleClearance(TendonNumber):
@@ -349,8 +311,7 @@ class HoleClearance(TendonNumber):
         upper = min(5e-3, 0.5 * min((x for x in offsets if x > 0.0), default=1e-2))
         return {"clearance": (0.0, max(upper, self.null_values(experiment)["clearance"]))}
 
-    def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
-        """A fiftieth and a twelfth of the smallest offset."""
+    def typical_steps(self, experiment: Experiment, excitation: ExcitationRange) -> dict[str, float]:
+        """A twelfth of the smallest offset."""
         upper = self.bounds(experiment)["clearance"][1]
-        declared = self.null_values(experiment)["clearance"]
-        return [[{"clearance": declared + share * (upper - declared)}] for share in (0.04, 0.16)]
+        return {"clearance": 0.16 * (upper - self.null_values(experiment)["clearance"])}

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import ClassVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tdcr_fe.effects.base import Effect, Experiment, Form, Kind, Parameter, Values
-from tdcr_fe.effects.by_tendon import for_each
+from tdcr_fe.effects.base import Effect, Experiment, Kind, Parameter, Values
 
 AXES = "xyz"
 
@@ -29,39 +26,24 @@ class FrameMisalignment(Effect):
         Parameter(f"rot_{axis}", "rad", -0.6, 0.6, 0.0, 5e-3, f"rotation vector, component {axis}")
         for axis in AXES
     )
-    _shift = tuple(
+    more = tuple(
         Parameter(f"shift_{axis}", "m", -10.0, 10.0, 0.0, 2e-4, f"{axis} of the base in the measuring frame")
         for axis in AXES
     )
 
-    further: ClassVar[Mapping[str, Parameter]] = {"^shift_[xyz]$": _shift[0]}
-
     def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
         """Rotated, rotated and moved, or moved only."""
-        turned, moved = [p.name for p in self.parameters], [p.name for p in self._shift]
+        turned, moved = [p.name for p in self.parameters], [p.name for p in self.more]
         both = self.form("rotated and moved", [*turned, *moved], experiment)
         return self, both, self.form("moved", moved, experiment)
-
-    def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
-        """Numbers of the rotation and of the shift."""
-        return (*self.parameters, *self._shift)
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`; the frame that is there already is moved by the further one."""
         before = experiment.observation
         turn = Rotation.from_rotvec([values.get(p.name, 0.0) for p in self.parameters])
         both = (turn * Rotation.from_rotvec(np.array(before.rotation))).as_rotvec()
-        shift = turn.apply(np.array(before.shift)) + [values.get(p.name, 0.0) for p in self._shift]
+        shift = turn.apply(np.array(before.shift)) + [values.get(p.name, 0.0) for p in self.more]
         return replace(experiment, observation=replace(before, rotation=_triple(both), shift=_triple(shift)))
-
-
-class OfMarker(Form):
-    """The offset of a single marker."""
-
-    def __init__(self, of: Effect, kind: str, names: Sequence[str], experiment: Experiment, k: int) -> None:
-        markers = experiment.observation.markers
-        super().__init__(of, kind, names, experiment, len(markers))
-        self.kind = of.kind._replace(where=f"the marker at s = {markers[k - 1]:.4g} m")
 
 
 class MarkerOffset(Effect):
@@ -79,33 +61,26 @@ class MarkerOffset(Effect):
         Parameter(f"offset_{axis}", "m", -0.05, 0.05, 0.0, 2e-4, f"along the section's {axis} axis")
         for axis in AXES[:2]
     )
-    _along = Parameter(
-        "offset_z", "m", -0.05, 0.05, 0.0, 2e-4, "along the tangent, positive towards and beyond the tip"
-    )
-
-    further: ClassVar[Mapping[str, Parameter]] = {
-        "^offset_z$": _along,
-        "^offset_[xyz]_marker_[1-9][0-9]*$": parameters[0],
-    }
+    _meaning = "along the tangent, positive towards and beyond the tip"
+    more = (Parameter("offset_z", "m", -0.05, 0.05, 0.0, 2e-4, _meaning),)
+    part_names = "marker_[1-9][0-9]*"
 
     def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
         """Beside the backbone; along it, too; or an offset of each of several markers, or of one of them."""
-        common = [p.name for p in (*self.parameters, self._along)]
+        common = [p.name for p in (*self.parameters, *self.more)]
         forms: tuple[Effect, ...] = (self, self.form("along the tangent, too", common, experiment))
-        if (count := len(experiment.observation.markers)) > 1:
-            forms = (*forms, self.form("each", [p.name for p in self._single(experiment)], experiment))
-            for k in range(1, count + 1):
+        if (count := len(markers := experiment.observation.markers)) > 1:
+            each = [f"{name}_{part}" for part in self.parts_of(experiment) for name in common]
+            forms = (*forms, self.form("each", each, experiment))
+            for k, s in enumerate(markers, 1):
                 beside = [f"{p.name}_marker_{k}" for p in self.parameters]
-                forms = (*forms, OfMarker(self, f"marker {k}", beside, experiment, k))
+                form = self.form(f"marker {k}", beside, experiment)
+                forms = (*forms, form.one_of(count, f"the marker at s = {s:.4g} m"))
         return forms
 
-    def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
-        """Offsets of all markers together, and of each: they are counted from the base."""
-        return (*self.parameters, self._along, *self._single(experiment))
-
-    def _single(self, experiment: Experiment) -> tuple[Parameter, ...]:
-        markers = {f"marker_{k}": f"at {s:.6g} m" for k, s in enumerate(experiment.observation.markers, 1)}
-        return for_each((*self.parameters, self._along), markers)
+    def parts_of(self, experiment: Experiment) -> dict[str, str]:
+        """The markers, counted from the base."""
+        return {f"marker_{k}": f"at {s:.6g} m" for k, s in enumerate(experiment.observation.markers, 1)}
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`; offsets come on top of those that are there."""

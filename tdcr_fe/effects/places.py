@@ -84,9 +84,9 @@ class PlaceEffect(Effect):
         """Values of the size at which an effect that saturates is strongest."""
         raise NotImplementedError
 
-    def at(self, place: Place) -> EffectAtPlace:
-        """The effect at a fixed place."""
-        return EffectAtPlace(self, place)
+    def at(self, place: Place, among: int = 1) -> EffectAtPlace:
+        """The effect at a fixed place, which is one of so many."""
+        return EffectAtPlace(self, place, among)
 
     def size_probes(self, experiment: Experiment, place: Place) -> Points:
         """As `Effect.probe_points`, for the parameters of the size."""
@@ -100,16 +100,16 @@ class EffectAtPlace(Effect):
     ----------
     general
         The effect whose place is fixed.
-    place
-        Its place.
+    place, among
+        Its place, and of how many that is one.
 
     Attributes
     ----------
     place : mapping of str to float
     """
 
-    def __init__(self, general: PlaceEffect, place: Place) -> None:
-        self.general, self.place = general, dict(place)
+    def __init__(self, general: PlaceEffect, place: Place, among: int) -> None:
+        self.general, self.place, self.among = general, dict(place), among
         named = ", ".join(f"{name} = {value:.6g}" for name, value in place.items())
         self.name = f"{general.name} ({named})"
         self.description = general.description
@@ -122,18 +122,6 @@ class EffectAtPlace(Effect):
     def listed(self) -> str:
         """See `Effect.listed`."""
         return self.general.name
-
-    def spread(self, robot: Robot) -> dict[str, float]:
-        """See `PlaceEffect.spread`."""
-        return self.general.spread(robot, self.place)
-
-    def choices(self, robot: Robot) -> int:
-        """See `Effect.choices`."""
-        return max(1, len(self.general.places(robot)))
-
-    def full_strength(self, experiment: Experiment) -> dict[str, float]:
-        """See `PlaceEffect.full_strength`."""
-        return self.general.full_strength(experiment)
 
     def bounds(self, experiment: Experiment) -> Bounds:
         """See `Effect.bounds`."""
@@ -288,8 +276,8 @@ class StuckHole(PlaceEffect):
         return {"tendon": 0.0, **super().spread(robot, place)}
 
     def size_probes(self, experiment: Experiment, place: Place) -> Points:
-        """A tenth and the whole of the largest tension that is commanded."""
-        return [[{"drop": share * _largest_tension(experiment)}] for share in (0.1, 1.0)]
+        """The largest tension that is commanded."""
+        return [[{"drop": _largest_tension(experiment)}]]
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`."""
@@ -300,14 +288,14 @@ class StuckHole(PlaceEffect):
         if number > len(robot.tendons):
             raise ValueError(f"tendon = {number}; the robot has {len(robot.tendons)}")
         tendon = robot.tendons[number - 1]
-        holes = robot.hole_arc_lengths(tendon)[1:-1]
-        at = float(min(holes, key=lambda s: abs(s - values["s"]), default=math.nan))
+        inner = robot.hole_arc_lengths(tendon)[1:-1]
+        at = float(min(inner, key=lambda s: abs(s - values["s"]), default=math.nan))
         if not abs(at - values["s"]) <= 1e-4:
-            near = f"the nearest is at {at:.6g} m" if len(holes) else "nor any between base plate and anchor"
+            near = f"the nearest is at {at:.6g} m" if len(inner) else "nor any between base plate and anchor"
             raise ValueError(f"s = {values['s']:g} m: tendon {tendon.name} has no hole there; {near}")
-        changed = replace(tendon, tight_holes=(*tendon.tight_holes, TightHole(at, values["drop"])))
-        tendons = (*robot.tendons[: number - 1], changed, *robot.tendons[number:])
-        return experiment.with_robot(tendons=tendons).with_friction()
+        holes = (*tendon.tight_holes, TightHole(at, values["drop"]))
+        stuck = robot.with_tendons([tendon.name], tight_holes=holes)
+        return replace(experiment, robot=stuck).with_friction()
 
 
 def _largest_tension(experiment: Experiment) -> float:

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import ClassVar
 
 from tdcr_fe.effects.base import Bounds, Effect, ExcitationRange, Experiment, Kind, Parameter, Points, Values
-from tdcr_fe.effects.by_tendon import for_each
 from tdcr_fe.model.backbone import NonlinearMaterial, StiffnessPatch, Superelastic
 from tdcr_fe.model.robot import Tendon
 from tdcr_fe.model.routing import MisplacedRouting, TwistedRouting
@@ -93,19 +90,12 @@ class Precurvature(Effect):
     """
 
     name = "precurvature"
+    stands_at = ("robot", "backbone", "precurvature")
     kind = Kind("precurvature", ("nothing",))
     parameters = (
         Parameter("kappa_x", "1/m", -20.0, 20.0, 0.0, 0.05, "turning rate of the section about its x axis"),
         Parameter("kappa_y", "1/m", -20.0, 20.0, 0.0, 0.05, "turning rate of the section about its y axis"),
     )
-
-    def null_values(self, experiment: Experiment) -> dict[str, float]:
-        """The declared values."""
-        return dict(zip(("kappa_x", "kappa_y"), experiment.robot.backbone.precurvature, strict=True))
-
-    def apply(self, experiment: Experiment, values: Values) -> Experiment:
-        """See `Effect.apply`."""
-        return experiment.with_backbone(precurvature=(values["kappa_x"], values["kappa_y"]))
 
 
 class BaseCompliance(Effect):
@@ -117,25 +107,15 @@ class BaseCompliance(Effect):
     """
 
     name = "base_compliance"
+    stands_at = ("robot", "base_stiffness")
     kind = Kind("base", ("nothing",), "base")
     _meaning = "rotational stiffness about the x and y axes"
     parameters = (Parameter("stiffness", "N m/rad", 1e-6, math.inf, math.inf, 0.02, _meaning, inverse=True),)
 
-    def null_values(self, experiment: Experiment) -> dict[str, float]:
-        """The declared value, infinite where none is declared."""
-        declared = experiment.robot.base_stiffness
-        return {"stiffness": math.inf if declared is None else declared}
-
-    def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
+    def typical_steps(self, experiment: Experiment, excitation: ExcitationRange) -> dict[str, float]:
         """As compliant as a fiftieth of the backbone."""
-        parameter, backbone = self.parameters[0], experiment.robot.backbone
-        compliance = parameter.coordinate(self.null_values(experiment)["stiffness"])
-        return [[{"stiffness": parameter.value(compliance + 0.02 * backbone.length / backbone.EI)}]]
-
-    def apply(self, experiment: Experiment, values: Values) -> Experiment:
-        """See `Effect.apply`."""
-        stiffness = values["stiffness"]
-        return experiment.with_robot(base_stiffness=None if math.isinf(stiffness) else stiffness)
+        backbone = experiment.robot.backbone
+        return {"stiffness": 0.02 * backbone.length / backbone.EI}
 
 
 class Creep(Effect):
@@ -148,6 +128,7 @@ class Creep(Effect):
     """
 
     name = "creep"
+    stands_at = ("robot", "backbone", "creep_rate")
     kind = Kind("stiffness", ("time",))
     parameters = (
         Parameter(
@@ -155,18 +136,9 @@ class Creep(Effect):
         ),
     )
 
-    def null_values(self, experiment: Experiment) -> dict[str, float]:
-        """The declared values."""
-        return {"rate": experiment.robot.backbone.creep_rate}
-
-    def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
+    def typical_steps(self, experiment: Experiment, excitation: ExcitationRange) -> dict[str, float]:
         """A twentieth more compliance at the end."""
-        declared = experiment.robot.backbone.creep_rate
-        return [[{"rate": declared + 0.05 / excitation.duration}]] if excitation.duration > 0.0 else []
-
-    def apply(self, experiment: Experiment, values: Values) -> Experiment:
-        """See `Effect.apply`."""
-        return experiment.with_backbone(creep_rate=values["rate"])
+        return {"rate": 0.05 / excitation.duration} if excitation.duration > 0.0 else {}
 
 
 #: Axial strain by the largest commanded tension, or by the weight, from which a body counts as soft [1].
@@ -273,20 +245,12 @@ class Gravity(Effect):
     """
 
     name = "gravity"
+    stands_at = ("model", "gravity")
     kind = Kind("force", ("nothing",), "along the backbone")
     parameters = tuple(
         Parameter(f"g_{axis}", "m/s^2", -12.0, 12.0, 0.0, 1.0, f"acceleration of gravity along {axis}")
         for axis in "xyz"
     )
-
-    def null_values(self, experiment: Experiment) -> dict[str, float]:
-        """Declared gravity."""
-        return dict(zip(("g_x", "g_y", "g_z"), experiment.model.gravity, strict=True))
-
-    def apply(self, experiment: Experiment, values: Values) -> Experiment:
-        """See `Effect.apply`."""
-        gravity = (values["g_x"], values["g_y"], values["g_z"])
-        return replace(experiment, model=replace(experiment.model, gravity=gravity))
 
 
 class TipPayload(Effect):
@@ -318,34 +282,26 @@ class RigidDisks(Effect):
     """
 
     name = "rigid_disks"
+    stands_at = ("robot", "disks", "thickness")
     kind = Kind("stiffness", ("place",), "disks")
     needs_disks = True
     parameters = (
         Parameter("thickness", "m", 0.0, 0.1, 0.0, 1e-3, "length of backbone that each disk makes rigid"),
     )
 
-    def null_values(self, experiment: Experiment) -> dict[str, float]:
-        """The declared values."""
-        return {"thickness": experiment.robot.disks.thickness}
-
     def bounds(self, experiment: Experiment) -> Bounds:
         """Largest thickness that leaves a flexible part of the shortest bay."""
         s = (0.0, *experiment.robot.disks.positions)
         return {"thickness": (0.0, 0.95 * min([2.0 * s[1], *(b - a for a, b in itertools.pairwise(s))]))}
 
-    def probe_points(self, experiment: Experiment, excitation: ExcitationRange) -> Points:
+    def typical_steps(self, experiment: Experiment, excitation: ExcitationRange) -> dict[str, float]:
         """A tenth of a bay."""
         upper = self.bounds(experiment)["thickness"][1]
-        here = self.null_values(experiment)["thickness"]
-        return [[{"thickness": here + 0.1 * (upper - here)}]]
+        return {"thickness": 0.1 * (upper - self.null_values(experiment)["thickness"])}
 
     def near_null(self, experiment: Experiment) -> Effect:
         """See `Effect.near_null`."""
         return ThinDisks() if experiment.robot.disks.thickness == 0.0 else self
-
-    def apply(self, experiment: Experiment, values: Values) -> Experiment:
-        """See `Effect.apply`."""
-        return experiment.with_robot(disks=replace(experiment.robot.disks, thickness=values["thickness"]))
 
 
 class ThinDisks(RigidDisks):
@@ -384,8 +340,7 @@ class RoutingTwist(Effect):
         rate = values["angle_tip"] / experiment.robot.backbone.length
         if rate == 0.0:
             return experiment
-        tendons = tuple(replace(t, routing=TwistedRouting(t.routing, rate)) for t in experiment.robot.tendons)
-        return experiment.with_robot(tendons=tendons)
+        return experiment.with_tendons(lambda t: replace(t, routing=TwistedRouting(t.routing, rate)))
 
 
 #: Numbers of a channel and what they are where it runs as declared; the names are those of `MisplacedRouting`.
@@ -415,12 +370,11 @@ class MisplacedChannels(Effect):
     name = "misplaced_channels"
     kind = Kind("routing", ("place",))
     parameters = (_parameter("factor_end"),)
-    _further = tuple(_parameter(n) for n in AS_DECLARED if n != "factor_end")
-    _angle = Parameter("angle", "rad", -1.6, 1.6, 0.0, 0.03, "angle about the axis, from base to end")
-    further: ClassVar[Mapping[str, Parameter]] = {
-        "^factor_(base|end)(_.+)?$": parameters[0],
-        "^angle_.+$": _angle,
-    }
+    more = (
+        *(_parameter(n) for n in AS_DECLARED if n != "factor_end"),
+        Parameter("angle", "rad", -1.6, 1.6, 0.0, 0.03, "angle about the axis, from base to end"),
+    )
+    part_names = ".+"
 
     def forms(self, experiment: Experiment) -> tuple[Effect, ...]:
         """The offset at the end, an angle for each tendon, both, or all for each.
@@ -442,19 +396,18 @@ class MisplacedChannels(Effect):
             self.form("each", [*each, *angles], experiment),
         )
 
-    def parameters_of(self, experiment: Experiment) -> tuple[Parameter, ...]:
-        """Numbers for all tendons, and for each."""
-        common = (*self.parameters, *self._further)
-        return (*common, *for_each((*common, self._angle), {t: t for t in experiment.robot.tendon_names}))
+    def parts_of(self, experiment: Experiment) -> dict[str, str]:
+        """The tendons."""
+        return {t: t for t in experiment.robot.tendon_names}
 
     def apply(self, experiment: Experiment, values: Values) -> Experiment:
         """See `Effect.apply`."""
-        return experiment.with_robot(tendons=tuple(_moved(t, values) for t in experiment.robot.tendons))
+        return experiment.with_tendons(lambda t: _moved(t, values))
 
 
 def _moved(tendon: Tendon, values: Values) -> Tendon:
     """A tendon whose channel runs elsewhere."""
-    angle = values.get(f"angle_{tendon.name}", 0.0)
+    angle = values.get(f"angle_{tendon.name}", values.get("angle", 0.0))
     given = AS_DECLARED | {"angle_base": angle, "angle_end": angle}
     numbers = {n: values.get(f"{n}_{tendon.name}", values.get(n, x)) for n, x in given.items()}
     if numbers == AS_DECLARED:

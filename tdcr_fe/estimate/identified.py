@@ -12,7 +12,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from scipy.linalg import block_diag
 
-from tdcr_fe.effects import EFFECTS, effect, with_effects
+from tdcr_fe.effects import EFFECTS, changed_by, effect
 from tdcr_fe.elements import Array
 from tdcr_fe.estimate.description import ParameterPrior
 from tdcr_fe.io.files import Reporter
@@ -73,12 +73,8 @@ class Identified(NamedTuple):
 
         ``sigma``: standard deviations of other parameters.
         """
-        changed, acting = replace(data.experiment, steps=(), ends=None), {}
-        for name in (e.name for e in EFFECTS if e.name in self.effects):
-            after = with_effects(changed, {name: self.effects[name]})
-            if (after.robot, after.model) != (changed.robot, changed.model):
-                acting[name] = self.effects[name]
-            changed = after
+        changed = changed_by(replace(data.experiment, steps=()), self.effects)
+        acting = {name: self.effects[name] for name, own in changed.items() if own & {"robot", "model"}}
         which = [k for k, name in enumerate(self.names) if name.partition(".")[0] in acting]
         others = {name: x for name, x in sigma.items() if name not in self.names}
         independent = ParameterPrior.independent(others).covariance

@@ -113,7 +113,7 @@ def observed(simulation: Simulation, observation: Observation, curvatures: bool 
         rates = strained.curvature_rates() @ BEAM_TO_SECTION.T
     shape = handle.arc_lengths, positions, rotations @ BEAM_TO_SECTION.T
     tensions = simulation.displacement, own.base_tension, at_anchors(simulation, own.field.tension)
-    return ObservedStep(*shape, *tensions, handle.robot.tendon_names, observation, rates)
+    return ObservedStep(*shape, *tensions, handle.robot.tendon_names, observation, curvature_rates=rates)
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,17 +190,17 @@ class Response(ObservedChange):
         mobilisations = tendons.mobilisation[law.frictional]
         slips = tendons.slip[law.frictional]
         return cls(
+            np.pad(explicit.arc_lengths, ((0, 0), (first, 0))),
             moved[:, 0],
             moved[:, 1],
-            rates,
             displacements,
             tendons.base_tension,
             at_anchors(simulation, tendons.tension),
-            np.pad(explicit.arc_lengths, ((0, 0), (first, 0))),
             slips - law.hysteresis.presliding * mobilisations,
             mobilisations,
             gaps,
             sticks[law.frictional],
+            curvature_rates=rates,
         )
 
     def combined(self, weights: Array) -> Response:

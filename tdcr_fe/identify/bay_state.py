@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from tdcr_fe.effects import Experiment
 from tdcr_fe.elements import Array, Flags
 from tdcr_fe.model.loading import Load, LoadStep, resolve
+from tdcr_fe.model.observed_step import turns
 from tdcr_fe.model.results import StepResult
 
 if TYPE_CHECKING:
@@ -108,7 +109,7 @@ class Action(NamedTuple):
 def at_ends(experiment: Experiment, values: Array) -> Iterator[tuple[LoadStep, Array]]:
     """All steps, possibly divided, with values of commanded steps, shape (K, ...), which grow linearly within each."""
     firsts = {0, *experiment.restarts}
-    for step, (k, factor) in zip(experiment.steps, experiment.step_ends, strict=True):
+    for step, (k, factor) in zip(experiment.steps, experiment.ends, strict=True):
         before = np.zeros_like(values[0]) if k in firsts else values[k - 1]
         yield step, before + factor * (values[k] - before)
 
@@ -156,9 +157,9 @@ def bay_state(experiment: Experiment, steps: Sequence[StepResult]) -> BayState:
     middles, widths = 0.5 * (edges[1:] + edges[:-1]), np.diff(edges)
     nodes = [int(np.argmin(np.abs(steps[0].s - e))) for e in edges]
     frames = np.array([step.rotations[nodes] for step in steps])
-    turn = Rotation.from_matrix((np.swapaxes(frames[:, :-1], 2, 3) @ frames[:, 1:]).reshape(-1, 3, 3))
-    curvature = turn.as_rotvec().reshape(count, bays, 3) / widths[:, None]
-    half = Rotation.from_rotvec(0.5 * turn.as_rotvec()).as_matrix().reshape(count, bays, 3, 3)
+    turn = turns(frames)
+    curvature = turn / widths[:, None]
+    half = Rotation.from_rotvec(0.5 * turn.reshape(-1, 3)).as_matrix().reshape(count, bays, 3, 3)
     rotation = frames[:, :-1] @ half
     moved = np.array([step.positions[nodes[1:]] for step in steps]) - np.outer(edges[1:], (0.0, 0.0, 1.0))
     tension, lever = np.zeros((count, bays, m)), np.zeros((bays, m, 2))

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from tdcr_fe.effects import Experiment, with_effects
+from tdcr_fe.effects import Experiment, changed_by, with_effects
 from tdcr_fe.identify.forward import solve_commanded_steps
 from tdcr_fe.identify.result import AddedEffect, Estimate, IdentificationResult
 from tdcr_fe.io.result_files import write_results
@@ -22,22 +22,12 @@ Table = Mapping[str, Mapping[str, float]]
 
 def observation_effects(result: IdentificationResult) -> list[str]:
     """Effects that act on the measurement only; a scenario cannot have them."""
-    changes = _changes(result, result.effects_table)
-    found = {name for name, before, after in changes if after.observation != before.observation}
-    return [name for name in result.effects_table if name in found]
+    changed = _changed(result, result.effects_table)
+    return [name for name in result.effects_table if "observation" in changed[name]]
 
 
-def _changes(result: IdentificationResult, table: Table) -> Iterator[tuple[str, Experiment, Experiment]]:
-    """Effects one after another, each with the experiment before and after it.
-
-    They are applied in the order of the catalogue: pretension needs the stretch of the tendons before it.
-    """
-    experiment = result.simulated.commanded
-    for e in result.simulated.catalogue:
-        if e.name in table:
-            changed = e.apply(experiment, {**e.null_values(experiment), **table[e.name]})
-            yield e.name, experiment, changed
-            experiment = changed
+def _changed(result: IdentificationResult, table: Table) -> dict[str, set[str]]:
+    return changed_by(result.simulated.commanded, table, result.simulated.catalogue)
 
 
 #: Begins the comment on an effect that a scenario cannot have.
@@ -132,7 +122,7 @@ def _beside_robot(result: IdentificationResult, final: Experiment, table: Table)
     """Experiment and effects that give the final one, with all that acts on the robot alone in the robot."""
     simulated = result.simulated
     base = replace(simulated.commanded, robot=final.robot)
-    inside = {n: table[n] for n, a, b in _changes(result, table) if (b.model, b.steps) != (a.model, a.steps)}
+    inside = {n: table[n] for n, own in _changed(result, table).items() if own & {"model", "steps"}}
     again = with_effects(base, inside, simulated.catalogue)
     if (again.robot, again.model, again.steps) == (final.robot, final.model, final.steps):
         return base, inside
@@ -145,14 +135,15 @@ def _with_robot_as_declared(result: IdentificationResult, table: Table) -> tuple
     if result.law is None:
         return commanded, table
     unlisted = {e.name for e in result.law.causes}
-    inside = {n: table[n] for n, a, b in _changes(result, table) if n not in unlisted and b.steps == a.steps}
+    changed = _changed(result, table).items()
+    inside = {n: table[n] for n, own in changed if n not in unlisted and "steps" not in own}
     return replace(result.simulated.corrected, robot=commanded.robot, model=commanded.model), inside
 
 
 def _labelled(result: IdentificationResult, experiment: Experiment) -> Iterator[LoadStep]:
     """Steps with the numbers of ``loading.csv`` as labels; parts of a divided step are counted."""
     ids = result.data.step_ids
-    commanded = [k for k, _ in experiment.step_ends]
+    commanded = [k for k, _ in experiment.ends]
     for j, (step, k) in enumerate(zip(experiment.steps, commanded, strict=True)):
         parts = commanded.count(k)
         part = commanded[: j + 1].count(k)

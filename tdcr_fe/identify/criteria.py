@@ -16,7 +16,6 @@ from tdcr_fe.identify.problem import NOISE_REACHES, Fit, FitProblem, Point
 from tdcr_fe.identify.rows import FEWEST
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.quantities import EARTH
-from tdcr_fe.model.robot import Robot
 
 #: An unlisted cause of the dictionary is a priori by this factor less probable than a listed effect, as a logarithm.
 UNLISTED = 2.0
@@ -55,7 +54,7 @@ HALVED = 0.5
 WORTHWHILE = 0.1
 
 
-def price(effects: Sequence[Effect], robot: Robot) -> float:
+def price(effects: Sequence[Effect]) -> float:
     """Twice the negative logarithm of the prior probability of causes.
 
     Every cause is one of the list; one at a place, or of a single tendon, is one of all of its kind; unlisted causes
@@ -63,7 +62,7 @@ def price(effects: Sequence[Effect], robot: Robot) -> float:
     """
     total = 2.0 * CHOICE * len(effects)
     for e in effects:
-        total += 2.0 * math.log(e.choices(robot))
+        total += 2.0 * math.log(e.among)
         if isinstance(e, Cause):
             total += 2.0 * (UNLISTED + e.price)
     return total
@@ -87,7 +86,7 @@ def complexity(problem: FitProblem, effects: Sequence[Effect], values: Point, co
 
     On Earth only the direction of a gravity is fitted.
     """
-    found = price(effects, problem.data.robot) + count * math.log(problem.count)
+    found = price(effects) + count * math.log(problem.count)
     if "gravity" in values:
         size = math.sqrt(sum(x * x for x in values["gravity"].values()))
         on_earth = abs(size - EARTH) <= EARTH_TOLERANCE
@@ -272,7 +271,8 @@ def mostly_estimated_noise(data: MeasuredData) -> str:
 
 def motion_over_noise(problem: FitProblem, declared: Fit) -> float:
     """Predicted readings less those of the straight, unloaded robot, rms over sigma [1]."""
-    at_rest = np.array([r.channel.at_rest(r.location) for r in problem.data.readings])
+    heights = (r.location if r.quantity == "position_z" else 0.0 for r in problem.data.readings)
+    at_rest = np.array([float(s or 0.0) for s in heights])
     motion = (problem.readings.values / problem.sigma - declared.residual) - at_rest / problem.sigma
     known = motion[np.isfinite(motion)]
     return float(np.sqrt(np.mean(known**2))) if known.size else 0.0

@@ -439,7 +439,7 @@ def _driven(experiment: Experiment, change: _Drive, since: int = 0) -> Experimen
         x, y, z = load.force
         return replace(load, force=(push * x, push * y, push * z))
 
-    for j, (k, _) in enumerate(experiment.step_ends):
+    for j, (k, _) in enumerate(experiment.ends):
         if k >= since:
             tensions = {names.get(n, n): x for n, x in steps[j].tensions.items()}
             displacements = {names.get(n, n): factor * x for n, x in steps[j].displacements.items()}

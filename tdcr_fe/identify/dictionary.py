@@ -51,8 +51,8 @@ def dictionary(problem: FitProblem, state: BayState) -> tuple[Effect, ...]:
     """
     experiment, catalogue = problem.experiment, problem.catalogue
     listed = [form for e in catalogue for form in e.forms(experiment)]
-    of_places = (e for e in catalogue if isinstance(e, PlaceEffect))
-    places = [e.at(place) for e in of_places for place in e.places(experiment.robot)]
+    of_places = ((e, e.places(experiment.robot)) for e in catalogue if isinstance(e, PlaceEffect))
+    places = [e.at(place, len(every)) for e, every in of_places for place in every]
     return (*listed, *places, *unlisted(problem, state))
 
 
@@ -210,9 +210,8 @@ def _rough_holes(problem: FitProblem) -> Iterator[Cause]:
     for name, s in holes if _has_coefficients(problem) else ():
 
         def rougher(experiment: Experiment, values: Values, name: str = name, s: float = s) -> Experiment:
-            at, more, tendons = np.array([s]), np.array([values["friction"]]), experiment.robot.tendons
-            changed = tuple(_with_friction_at(t, at, more) if t.name == name else t for t in tendons)
-            return experiment.with_robot(tendons=changed)
+            at, more = np.array([s]), np.array([values["friction"]])
+            return experiment.with_tendons(lambda t: _with_friction_at(t, at, more) if t.name == name else t)
 
         where, text, price = f"tendon {name}, s = {s:.4g} m", "one hole is rougher", math.log(len(holes))
         kind = Kind("transmission", ("place",), where)
@@ -262,11 +261,11 @@ def _friction_law(what: str, depends: str, numbers: Numbers, law: _Law, held: He
     """A law of the coefficient at all holes of all tendons, from the constant one of each."""
 
     def changed(experiment: Experiment, values: Values) -> Experiment:
-        tendons = []
-        for t in experiment.robot.tendons:
+        def own(t: Tendon) -> Tendon:
             mu = max(t.friction_coefficient + values["friction"], 0.0)
-            tendons.append(replace(t, friction=law(mu, values), friction_coefficient=0.0))
-        return experiment.with_robot(tendons=tuple(tendons))
+            return replace(t, friction=law(mu, values), friction_coefficient=0.0)
+
+        return experiment.with_tendons(own)
 
     kind, text = Kind("transmission", (depends,)), f"the friction changes with the {what}"
     return ChangedDescription(f"friction by {what}", kind, numbers, changed, text, held=held)
@@ -329,20 +328,21 @@ def _with_holes(
     experiment: Experiment, values: Values, names: Sequence[str], disks: slice = slice(None)
 ) -> Experiment:
     """With the holes of tendons in some disks elsewhere, the first of which is the base plate."""
-    tendons, robot = [], experiment.robot
-    null = {"factor": 1.0, "angle": 0.0}
+    robot, null = experiment.robot, {"factor": 1.0, "angle": 0.0}
     numbers = {
         f"{n}_{end}": values.get(f"{n}_{end}", values.get(n, x)) for n, x in null.items() for end in _ENDS
     }
-    for t in robot.tendons:
-        if t.name in names:
-            s, holes = robot.hole_arc_lengths(t), robot.holes(t).copy()
-            moved = MisplacedRouting(t.routing, **numbers).position(s[disks], float(s[-1]))
-            holes[disks] = moved + np.array([values.get("x", 0.0), values.get("y", 0.0)])
-            points = tuple((x, y) for x, y in holes.tolist())
-            t = replace(t, routing=PointsRouting(tuple(s.tolist()), points))
-        tendons.append(t)
-    return experiment.with_robot(tendons=tuple(tendons))
+
+    def elsewhere(t: Tendon) -> Tendon:
+        if t.name not in names:
+            return t
+        s, holes = robot.hole_arc_lengths(t), robot.holes(t).copy()
+        moved = MisplacedRouting(t.routing, **numbers).position(s[disks], float(s[-1]))
+        holes[disks] = moved + np.array([values.get("x", 0.0), values.get("y", 0.0)])
+        points = tuple((x, y) for x, y in holes.tolist())
+        return replace(t, routing=PointsRouting(tuple(s.tolist()), points))
+
+    return experiment.with_tendons(elsewhere)
 
 
 def _shift(robot: Robot) -> Numbers:

@@ -108,7 +108,7 @@ def simulate_experiment(job: Job, settings: SolverSettings, deadline: float = ma
     run = Run.of(commanded)
     bays = bay_state(experiment, commanded) if job.states else None
     derivatives = RunDerivatives.of(result.sensitivities, last, refused) if job.parameters else None
-    trajectories = None if path is None else (Trajectory(path, experiment.step_ends, run.s),)
+    trajectories = None if path is None else (Trajectory(path, experiment.ends, run.s),)
     return replace(run, bays=bays, derivatives=derivatives, trajectories=trajectories)
 
 
@@ -169,7 +169,7 @@ def _differentiated(
 
     experiment, refused = job.experiment, dict[str, str]()
     meshed = None if job.reference is None else job.reference[0].on_mesh(mesh_nodes(experiment))
-    along = None if meshed is None else meshed.divided(experiment.step_ends)
+    along = None if meshed is None else meshed.divided(experiment.ends)
     given = experiment.robot, experiment.model, experiment.steps, settings, partial(end_at, deadline)
     while True:
         chosen = [p for p in job.parameters if p.name not in refused]

@@ -251,7 +251,7 @@ def fit_to_all_rows(search: Search, state: SearchState, problem: FitProblem) -> 
 
 def _on_mesh_of(searched: FitProblem, problem: FitProblem) -> FitProblem:
     """A problem with the mesh on which a search ended, and with what it knows of typical steps and of the mesh."""
-    experiment = with_elements(problem.experiment, searched.experiment.model.starting_elements_per_bay)
+    experiment = with_elements(problem.experiment, searched.elements)
     return replace(problem, experiment=experiment, scales=searched.scales, mesh_error=searched.mesh_error)
 
 

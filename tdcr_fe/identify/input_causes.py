@@ -51,7 +51,7 @@ class Commands(NamedTuple):
             table = table.reshape(len(steps), len(names))
             kinds[kind] = np.nan_to_num(table), np.isfinite(table)
         progress = progress_along([steps[j] for j in experiment.whole_steps])
-        return cls(kinds, progress[[k for k, _ in experiment.step_ends], None])
+        return cls(kinds, progress[[k for k, _ in experiment.ends], None])
 
 
 #: What a change of the inputs is in proportion to: from inputs and progress of `Commands`, and values of the cause.
@@ -293,7 +293,7 @@ def _behind(experiment: Experiment, shares: Sequence[float], of_commands: bool) 
     def behind(command: Mapping[str, float], before: Mapping[str, float], share: float) -> dict[str, float]:
         return {n: u + share * (before.get(n, u) - u) for n, u in command.items()}
 
-    for step, (k, factor) in zip(experiment.steps, experiment.step_ends, strict=True):
+    for step, (k, factor) in zip(experiment.steps, experiment.ends, strict=True):
         tensions = behind(step.tensions, last.tensions, shares[k])
         displacements = behind(step.displacements, last.displacements, shares[k])
         steps.append(replace(step, tensions=tensions, displacements=displacements))

@@ -132,7 +132,7 @@ def _planned(problem: FitProblem, steps: tuple[LoadStep, ...]) -> FitProblem:
     fresh = replace(data, step_ids=ids, steps=steps, branches=branches, readings=readings, parts=())
     sigma, fitted = np.array([r.sigma for r in readings]), np.zeros(len(readings), dtype=bool)
     planned = FitProblem.of(fresh, sigma, fitted, problem.forward, problem.path_tolerance)
-    experiment = replace(problem.experiment, steps=steps, ends=None, restarts=())
+    experiment = replace(problem.experiment, steps=steps, ends=(), restarts=())
     return replace(planned, experiment=experiment, catalogue=problem.catalogue, deadline=problem.deadline)
 
 

@@ -82,6 +82,11 @@ class FitProblem:
         return replace(fresh, catalogue=self.catalogue, roots=roots)
 
     @property
+    def elements(self) -> int:
+        """Elements of its mesh in every bay."""
+        return int(np.max(self.experiment.model.elements_per_bay))
+
+    @property
     def count(self) -> int:
         """Number of readings."""
         return len(self.data.readings)
@@ -189,7 +194,7 @@ class FitProblem:
 
     def excitation_range(self, run: Run) -> ExcitationRange:
         """Excitation range of the data."""
-        bend = np.linalg.norm(run.curvature[..., :2], axis=-1)
+        bend = np.linalg.norm(run.element_curvature[..., :2], axis=-1)
         commanded = [t for s in self.data.steps for t in s.tensions.values()]
         needed = float(np.nanmax(run.base_tensions, initial=1e-6))
         moved = [abs(d) for s in self.data.steps for d in s.displacements.values()]
@@ -328,7 +333,7 @@ def refine(problem: FitProblem, effects: Sequence[Effect], values: Point, run: R
         meshed = replace(problem, experiment=with_elements(problem.experiment, count))
         return meshed.acted(effects, values, run)
 
-    n = problem.experiment.model.starting_elements_per_bay
+    n = problem.elements
     here = problem.residual(with_model(n), run)
     finer = with_model(n + 1)
     (other,) = problem.run([Job(finer, run.trajectories)])
@@ -363,7 +368,7 @@ def join_steps(experiment: Experiment) -> Experiment:
     Experiment
         The same one where there is friction, or effects divide nothing.
     """
-    if experiment.model.friction != "none" or experiment.ends is None:
+    if experiment.model.friction != "none" or len(experiment.whole_steps) == len(experiment.steps):
         return experiment
     steps, passed = [], LoadStep()
     for step, (_, factor) in zip(experiment.steps, experiment.ends, strict=True):
@@ -371,7 +376,7 @@ def join_steps(experiment: Experiment) -> Experiment:
         if factor == 1.0:
             steps.append(passed)
             passed = LoadStep()
-    return replace(experiment, steps=tuple(steps), ends=None)
+    return replace(experiment, steps=tuple(steps), ends=())
 
 
 def with_elements(experiment: Experiment, count: int) -> Experiment:

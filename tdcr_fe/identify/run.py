@@ -16,7 +16,7 @@ from tdcr_fe.elements import Array, Flags, Index
 from tdcr_fe.identify.bay_state import Action, BayState, Response
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.channels import Channel, Location, by_differences, channel
-from tdcr_fe.model.observed_step import ObservedChange, ObservedStep
+from tdcr_fe.model.observed_step import Observables, ObservedChange, ObservedStep
 from tdcr_fe.model.results import StepResult
 from tdcr_fe.scene.mesh import build_mesh
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from tdcr_fe.solve.load_steps.load_path import Increment
     from tdcr_fe.solve.simulate import PathRecord
 
-#: For every step, the commanded step it belongs to and its load factor at the end, as in `Experiment.step_ends`.
+#: For every step, the commanded step it belongs to and its load factor at the end, as in `Experiment.ends`.
 Ends = tuple[tuple[int, float], ...]
 
 
@@ -94,18 +94,12 @@ _BY_STEP = ("positions", "rotations", "curvature_rates", "displacements", "base_
 
 
 @dataclass(frozen=True, eq=False)
-class RunDerivatives:
-    """Derivatives of a run by parameters, which are the last axis."""
+class RunDerivatives(Observables):
+    """Derivatives of a run by parameters, which are the last axis: see `ObservedChange`; steps are the first one.
 
-    # As in `tdcr_fe.model.results.Sensitivity`, shape (n_steps, n, 3, P)
-    positions: Array
-    rotations: Array
-    curvature_rates: Array
-    # shape (n_steps, n_tendons, P)
-    displacements: Array
-    base_tensions: Array
-    distal_tensions: Array
-    arc_lengths: Array  # of the nodes, shape (n, P)
+    Of the arc lengths, which are alike in all steps: shape (n, P).
+    """
+
     names: tuple[str, ...]  # of the parameters
     # parameters asked for by which there is no derivative, with the reason
     refused: Mapping[str, str] = field(default_factory=dict)
@@ -126,7 +120,7 @@ class RunDerivatives:
         tensions = (stacked([ends(x, k) for x in every]) for k in (0, -1))
         tables: dict[str, Any] = dict(zip(_BY_STEP, (*moved, *tensions), strict=True))
         lengths = np.stack([x.arc_lengths for x in every], axis=1) if every else np.zeros((0, 0))
-        return cls(**tables, arc_lengths=lengths, names=tuple(found), refused=refused)
+        return cls(**tables, s=lengths, names=tuple(found), refused=refused)
 
     @classmethod
     def joined(cls, parts: Sequence[RunDerivatives]) -> RunDerivatives:
@@ -134,24 +128,20 @@ class RunDerivatives:
         refused = {name: why for part in parts for name, why in part.refused.items()}
         names = tuple(n for n in parts[0].names if all(n in part.names for part in parts))
 
-        def chosen(part: RunDerivatives, field: str) -> Array:
-            return np.asarray(getattr(part, field)[..., [part.names.index(n) for n in names]])
-
-        tables: dict[str, Any] = {n: np.concatenate([chosen(part, n) for part in parts]) for n in _BY_STEP}
-        return cls(**tables, arc_lengths=chosen(parts[0], "arc_lengths"), names=names, refused=refused)
+        same = [part.part([part.names.index(n) for n in names]) for part in parts]
+        tables: dict[str, Any] = {n: np.concatenate([getattr(x, n) for x in same]) for n in _BY_STEP}
+        return cls(**tables, s=same[0].s, names=names, refused=refused)
 
     def part(self, which: Sequence[int]) -> RunDerivatives:
         """By some of the parameters."""
-        tables = {n: getattr(self, n)[..., list(which)] for n in _BY_STEP}
-        names = tuple(self.names[j] for j in which)
-        return replace(self, **tables, arc_lengths=self.arc_lengths[:, list(which)], names=names)
+        tables = {n: getattr(self, n)[..., list(which)] for n in ("s", *_BY_STEP)}
+        return replace(self, **tables, names=tuple(self.names[j] for j in which))
 
     def times(self, matrices: Array) -> RunDerivatives:
         """By combinations of the parameters, the same or another one in every step, shape (n_steps or 1, P, q)."""
         tables = {n: np.einsum("k...p,kpq->k...q", getattr(self, n), matrices) for n in _BY_STEP}
         count = matrices.shape[2]
-        none = np.zeros((len(self.arc_lengths), count))
-        return replace(self, **tables, arc_lengths=none, names=("",) * count)
+        return replace(self, **tables, s=np.zeros((len(self.s), count)), names=("",) * count)
 
 
 class Acted(NamedTuple):
@@ -162,17 +152,12 @@ class Acted(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
-    """Results of one simulated loading sequence, or of several, that predictions need; without steps if not solved."""
+class Run(Observables):
+    """Results of one simulated loading sequence, or of several, that predictions need; without steps if not solved.
 
-    s: Array  # arc lengths of the nodes [m], shape (n,)
-    positions: Array  # [m], shape (n_steps, n, 3)
-    rotations: Array  # shape (n_steps, n, 3, 3)
-    curvature_rates: Array  # see `StepResult.curvature_rates`, shape (n_steps, n - 1, 2, 3)
-    # of all tendons: length pulled in at the base [m], tension there and at the anchor [N], shape (n_steps, n_tendons)
-    displacements: Array
-    base_tensions: Array
-    distal_tensions: Array
+    Arc lengths are alike in all steps: shape (n,).
+    """
+
     message: str = ""  # why it is not solved
     # reference path for neighbouring runs; None where none was recorded
     trajectories: Trajectories | None = None
@@ -191,8 +176,7 @@ class Run:
     def unsolved(cls, message: str) -> Run:
         """The run of an experiment that is not solved to its end."""
         nothing, positions, rotations = np.zeros((0, 0)), np.zeros((0, 0, 3)), np.zeros((0, 0, 3, 3))
-        rates = np.zeros((0, 0, 2, 3))
-        return cls(np.zeros(0), positions, rotations, rates, nothing, nothing, nothing, message)
+        return cls(np.zeros(0), positions, rotations, nothing, nothing, nothing, message)
 
     @classmethod
     def joined(cls, runs: Sequence[Run]) -> Run:
@@ -219,13 +203,6 @@ class Run:
         turned = Rotation.from_rotvec(change.rotations.reshape(-1, 3)).as_matrix()
         tables = {n: getattr(self, n) + getattr(change, n)[..., 0] for n in _BY_STEP if n != "rotations"}
         return replace(self, **tables, rotations=turned.reshape(self.rotations.shape) @ self.rotations)
-
-    @property
-    def curvature(self) -> Array:
-        """Turning rates of the elements about the section's axes x, y, z [1/m], shape (n_steps, n-1, 3)."""
-        relative = np.swapaxes(self.rotations[:, :-1], -1, -2) @ self.rotations[:, 1:]
-        turn = Rotation.from_matrix(relative.reshape(-1, 3, 3)).as_rotvec()
-        return np.asarray(turn.reshape(*relative.shape[:2], 3) / np.diff(self.s)[:, None])
 
 
 @dataclass(frozen=True, eq=False)
@@ -315,7 +292,7 @@ class Readings:
         assert by is not None
         out = np.full((len(self.values), len(by.names)), np.nan)
         for k in np.unique(self.step).tolist():
-            change = ObservedChange(**{n: getattr(by, n)[k] for n in _BY_STEP}, s=by.arc_lengths)
+            change = ObservedChange(s=by.s, **{n: getattr(by, n)[k] for n in _BY_STEP})
             observed = self._observed(run, experiment, k)
             h = change.difference_steps(observed)
             moved = observed.moved(change, h)

@@ -734,7 +734,7 @@ def at_full_strength(search: Search, state: SearchState, parent: Fit) -> _Propos
     causes = [x.effect for x in scores if x.drop > 0.0 and _saturates(x.effect)][:STRONG]
 
     def simulated(at: FitProblem, chosen: Sequence[EffectAtPlace], along: Fit | None) -> list[Fit]:
-        points = [{**parent.values, e.name: e.full_strength(problem.experiment)} for e in chosen]
+        points = [{**parent.values, e.name: e.general.full_strength(problem.experiment)} for e in chosen]
         models = [((*parent.effects, e), p) for e, p in zip(chosen, points, strict=True)]
         evaluated = [fitting.evaluated(at, effects, p, parent.free, along) for effects, p in models]
         return fitting.run_fits(at, evaluated)

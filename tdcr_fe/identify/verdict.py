@@ -224,7 +224,8 @@ def estimates(problem: FitProblem, best: Fit, e: Effect, deviation: Array) -> di
     """Values of an effect's parameters with their standard errors; of a place, half the way to the next one."""
     numbers = {}
     if isinstance(e, EffectAtPlace):
-        spread, units = e.spread(problem.data.robot), {p.name: p.unit for p in e.general.parameters}
+        of = e.general
+        spread, units = of.spread(problem.data.robot, e.place), {p.name: p.unit for p in of.parameters}
         for name, value in e.place.items():
             numbers[name] = Estimate(value, spread[name], units[name], "the best of all places")
     for p in e.parameters:

@@ -94,12 +94,11 @@ def _effects_schema() -> dict[str, Any]:
     """Schema of the table ``[effects]``: by name of the effect, a table of its parameters."""
     properties: dict[str, dict[str, Any]] = {}
     for effect in EFFECTS:
-        table = {**parameter_keys(tuple(effect.parameters)).json_schema, "description": effect.description}
-        # Numbers of single tendons or markers, whose names the schema does not know.
-        for name, p in effect.further_parameters.items():
-            further = table.setdefault("patternProperties", {})
-            further[name] = parameter_keys((p,)).json_schema["properties"][p.name]
-        properties[effect.name] = table
+        table = parameter_keys((*effect.parameters, *effect.more)).json_schema
+        if effect.part_names:  # numbers of single tendons or markers, whose names the schema does not know
+            named = {f"^{name}_{effect.part_names}$": x for name, x in table["properties"].items()}
+            table = {**table, "patternProperties": named}
+        properties[effect.name] = {**table, "description": effect.description}
     return {"type": "object", "properties": properties, "additionalProperties": False}
 
 

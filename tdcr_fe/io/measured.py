@@ -11,7 +11,7 @@ from typing import Any
 
 import pandas as pd
 
-from tdcr_fe.effects import Experiment, Observation, with_effects
+from tdcr_fe.effects import Experiment, Observation, changed_by, with_effects
 from tdcr_fe.elements.drives import DRIVES
 from tdcr_fe.io.files import InputError, Problem, Reporter, StrPath, read_all, refusal, write_text
 from tdcr_fe.io.readings import BadRow, Reading, observations_table, read_observations, read_rows
@@ -192,14 +192,9 @@ def _with_declared_effects(data: MeasuredData, table: object, reporter: Reporter
     if reporter.problems:
         return data
     # What is left for the commands and the measurement once robot and model are as declared.
-    rest = {name: values for name, values in sound.items() if _acts_beside_robot(name, values, declared)}
+    beside, by_effect = {"steps", "ends", "observation"}, changed_by(declared, sound)
+    rest = {name: values for name, values in sound.items() if beside & by_effect[name]}
     return replace(data, robot=changed.robot, model=changed.model, effects=rest)
-
-
-def _acts_beside_robot(name: str, values: Mapping[str, float], before: Experiment) -> bool:
-    """Whether an effect changes the commands or the measurement."""
-    after = with_effects(before, {name: values})
-    return (before.steps, before.ends, before.observation) != (after.steps, after.ends, after.observation)
 
 
 def write_measured(data: MeasuredData, folder: StrPath) -> None:

@@ -143,7 +143,7 @@ def _faults(e: Effect, others: Sequence[Effect]) -> Iterable[tuple[str, str, str
         yield "name", repr(e.name), "is the name of another effect"
     if not (isinstance(e.description, str) and e.description):
         yield "description", repr(e.description), "must say in a sentence what it is, for the report"
-    if type(e).apply is Effect.apply:
+    if type(e).apply is Effect.apply and not e.stands_at:
         yield "apply", "", "must be defined: from an experiment and values to another experiment"
     sound = isinstance(e.parameters, tuple) and all(isinstance(p, Parameter) for p in e.parameters)
     if not (sound and e.parameters):

@@ -14,7 +14,7 @@ from tdcr_fe.io.keys import BACKBONE, DISKS, ROBOT, tendon_keys
 from tdcr_fe.model.channels import CHANNELS
 from tdcr_fe.model.friction import FRICTION_COEFFICIENTS
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings
-from tdcr_fe.model.messages import bare, options, quoted
+from tdcr_fe.model.messages import as_toml, bare, options, quoted
 from tdcr_fe.model.robot import Disks, Robot, SideSpring
 from tdcr_fe.model.routing import ROUTINGS
 from tdcr_fe.model.schema import REQUIRED, keys_of
@@ -22,18 +22,7 @@ from tdcr_fe.model.schema import REQUIRED, keys_of
 
 def value_to_toml(value: Any) -> str:
     """A number, text, list, flat mapping or object of the description as TOML."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return quoted(value)
-    if isinstance(value, Mapping):
-        pairs = ", ".join(f"{bare(k)} = {value_to_toml(v)}" for k, v in value.items())
-        return f"{{ {pairs} }}" if pairs else "{}"
-    if isinstance(value, Sequence):
-        return "[" + ", ".join(value_to_toml(v) for v in value) + "]"
-    if is_dataclass(value):
-        return value_to_toml(_table(value))
-    return repr(int(value)) if isinstance(value, int) else repr(float(value))
+    return as_toml(value, lambda x: value_to_toml(_table(x)) if is_dataclass(x) else str(x))
 
 
 def to_toml(data: Mapping[str, Any]) -> str:

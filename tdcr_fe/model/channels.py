@@ -8,8 +8,9 @@ fitting, reports and the maker of blind data all go through the list.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -40,9 +41,6 @@ PLAUSIBLE = {
     "N": (0, Plausible(-math.inf, math.inf, math.inf, 1e-5)),
 }
 
-#: From an observed step and locations of the channel's kind to the values that an instrument shows, shape (..., k).
-Prediction = Callable[[ObservedStep, Sequence[Location]], Array]
-
 
 @dataclass(frozen=True)
 class Channel:
@@ -58,26 +56,35 @@ class Channel:
         What the location is: "arc length", "tendon", or "" where there is none.
     meaning : str
         For people.
-    predict : callable
-        See `Prediction`.
-    at_rest : callable
-        Value of the straight, unloaded robot, from the location.
-    family : str
-        Channels of one family have the same noise.
+    values : callable
+        From an observed step its value, shape (...), or those of all tendons, shape (..., n_tendons); or from the step
+        and arc lengths [m], of shape (k,), those there, shape (..., k).
     """
 
     quantity: str
     unit: str
     location: Literal["arc length", "tendon", ""]
     meaning: str
-    predict: Prediction
-    family: str
-    at_rest: Callable[[Location], float] = lambda location: 0.0
+    values: Callable[..., Array]
+
+    @property
+    def family(self) -> str:
+        """Channels of one family have the same noise: the components of a vector."""
+        return re.sub("_[xyz]$", "", self.quantity)
 
     def plausible(self, length: float) -> Plausible:
         """What its values may be on a backbone of a length [m], in its unit."""
         power, values = PLAUSIBLE[self.unit]
         return Plausible(*(x * length**power for x in values))
+
+    def predict(self, step: ObservedStep, locations: Sequence[Location]) -> Array:
+        """What an instrument shows at locations of the channel's kind, shape (..., k)."""
+        if self.location == "arc length":
+            return self.values(step, arc_lengths(locations))
+        values = self.values(step)
+        if self.location == "tendon":
+            return values[..., [step.tendon_names.index(str(x)) for x in locations]]
+        return np.repeat(values[..., None], len(locations), axis=-1)
 
 
 def by_differences(found: Array, h: Array) -> Array:
@@ -105,64 +112,33 @@ def arc_lengths(locations: Sequence[Location]) -> Array:
     return np.array([float(x) for x in locations if x is not None])
 
 
-def _of_tendon(quantity: str, unit: str, meaning: str, values: Callable[[ObservedStep], Array]) -> Channel:
-    """A channel of one tendon, from values of all, shape (..., n_tendons)."""
+def _along(name: str, unit: str, axes: str, vectors: Callable[..., Array], meaning: str) -> Iterator[Channel]:
+    """Channels of some components of vectors along the backbone, shape (..., k, 3)."""
+    for i, axis in enumerate(axes):
 
-    def predict(step: ObservedStep, locations: Sequence[Location]) -> Array:
-        return values(step)[..., [step.tendon_names.index(str(x)) for x in locations]]
+        def component(step: ObservedStep, s: Array, i: int = i) -> Array:
+            return vectors(step, s)[..., i]
 
-    return Channel(quantity, unit, "tendon", meaning, predict, quantity)
-
-
-def _single(quantity: str, unit: str, meaning: str, value: Callable[[ObservedStep], Array]) -> Channel:
-    """A channel without a location, from a value of the whole robot, shape (...)."""
-
-    def predict(step: ObservedStep, locations: Sequence[Location]) -> Array:
-        return np.repeat(value(step)[..., None], len(locations), axis=-1)
-
-    return Channel(quantity, unit, "", meaning, predict, quantity)
+        yield Channel(f"{name}_{axis}", unit, "arc length", meaning.format(axis), component)
 
 
-def _along(values: Callable[[ObservedStep, Array], Array], axis: int) -> Prediction:
-    """Prediction of one component of vectors at arc lengths, shape (..., k, 3)."""
-    return lambda step, locations: values(step, arc_lengths(locations))[..., axis]
-
-
-def _position(axis: int) -> Channel:
-    name, predict = "xyz"[axis], _along(ObservedStep.markers, axis)
-    meaning = f"{name} coordinate of a marker in the measuring frame"
-    channel = Channel(f"position_{name}", "m", "arc length", meaning, predict, "position")
-    return replace(channel, at_rest=lambda location: float(location or 0.0)) if name == "z" else channel
-
-
-def _curvature(axis: int) -> Channel:
-    name, predict = "xy"[axis], _along(ObservedStep.curvature, axis)
-    meaning = f"turning rate of the section about its own {name} axis, as from fibre gratings"
-    return Channel(f"curvature_{name}", "1/m", "arc length", meaning, predict, "curvature")
-
-
+_COORDINATE = "{} coordinate of a marker in the measuring frame"
+_BENDING = "angle between the tip tangent and the z axis"
+_CHORD = "angle between the line from base to tip and the z axis"
+_TURNING = "turning rate of the section about its own {} axis, as from fibre gratings"
+_AT_ANCHOR = "tension of a tendon at its anchor"
 _PULLED_IN = "tendon pulled in at the base plate since the straight, unloaded state"
 _LOAD_CELL = "tension of a tendon above the base plate, as from a load cell"
 #: Every quantity that can be measured.
 CHANNELS: tuple[Channel, ...] = (
-    *(_position(axis) for axis in range(3)),
-    _single(
-        "bending_angle",
-        "rad",
-        "angle between the tip tangent and the z axis",
-        lambda x: angle_from_z(x.tangent),
-    ),
-    _single(
-        "chord_angle",
-        "rad",
-        "angle between the line from base to tip and the z axis",
-        lambda x: angle_from_z(x.tip),
-    ),
-    _single("tip_offset", "m", "distance of the tip from the z axis", lambda x: off_axis(x.tip)),
-    _of_tendon("tendon_displacement", "m", _PULLED_IN, lambda x: x.displacements),
-    _of_tendon("base_tension", "N", _LOAD_CELL, lambda x: x.base_tensions),
-    _of_tendon("distal_tension", "N", "tension of a tendon at its anchor", lambda x: x.distal_tensions),
-    *(_curvature(axis) for axis in range(2)),
+    *_along("position", "m", "xyz", ObservedStep.markers, _COORDINATE),
+    Channel("bending_angle", "rad", "", _BENDING, lambda x: angle_from_z(x.tangent)),
+    Channel("chord_angle", "rad", "", _CHORD, lambda x: angle_from_z(x.tip)),
+    Channel("tip_offset", "m", "", "distance of the tip from the z axis", lambda x: off_axis(x.tip)),
+    Channel("tendon_displacement", "m", "tendon", _PULLED_IN, lambda x: x.displacements),
+    Channel("base_tension", "N", "tendon", _LOAD_CELL, lambda x: x.base_tensions),
+    Channel("distal_tension", "N", "tendon", _AT_ANCHOR, lambda x: x.distal_tensions),
+    *_along("curvature", "1/m", "xy", ObservedStep.curvature, _TURNING),
 )
 
 _BY_NAME = {c.quantity: c for c in CHANNELS}

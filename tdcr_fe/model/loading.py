@@ -23,8 +23,6 @@ FrictionKind = Literal["none", "per-tendon", "per-hole"]
 
 _AT = "an arc length [m], from 0 to the length of the backbone"
 _GRAVITY = "three finite numbers [m/s^2] of at most 1e5, such as [0.0, 0.0, -9.81]"
-#: Elements a bay that stand for ``elements_per_bay = "auto"`` where a number is needed, as in differences of meshes.
-STARTING_ELEMENTS_PER_BAY = 2
 
 
 @dataclass(frozen=True)
@@ -140,12 +138,6 @@ class Model(Checked):
     def default_for(cls, robot: Robot) -> Model:
         """The default model of a robot: of one without disks, tendons that follow the backbone without friction."""
         return cls(tendon_path="continuous", friction="none") if robot.without_disks else cls()
-
-    @property
-    def starting_elements_per_bay(self) -> int:
-        """Elements a bay: the largest number given, or that which stands for "auto"."""
-        given = STARTING_ELEMENTS_PER_BAY if self.elements_per_bay == "auto" else self.elements_per_bay
-        return int(np.max(given))
 
 
 @dataclass(frozen=True)

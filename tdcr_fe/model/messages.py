@@ -59,6 +59,8 @@ def ignore_warnings() -> None:
     _receiver.set(_drop)
 
 
+#: Longest value in a message [characters].
+LONGEST = 60
 _COUNTS = {1: "one", 2: "two", 3: "three"}
 #: By type in a JSON schema; numbers with a unit may be texts.
 _NOUNS = {"number": "number", "['number', 'string']": "number", "integer": "whole number"}
@@ -94,22 +96,27 @@ def join(key: str, *parts: str | int) -> str:
     return key
 
 
-def shown(value: Any, limit: int = 60) -> str:
-    """A value as written in a TOML file, its middle left out where it is long."""
+def as_toml(value: Any, of_object: Callable[[Any], str] = str) -> str:
+    """A number, text, list or flat mapping as TOML; other objects as a function has them."""
     if isinstance(value, bool):
-        text = "true" if value else "false"
-    elif isinstance(value, str):
-        text = json.dumps(value, ensure_ascii=False)
-    elif isinstance(value, Mapping):
-        text = "{" + ", ".join(f"{bare(str(k))} = {shown(v)}" for k, v in value.items()) + "}"
-    elif isinstance(value, list | tuple):
-        text = "[" + ", ".join(shown(v) for v in value) + "]"
-    else:
-        try:
-            text = str(value)
-        except ValueError:
-            text = "a number of thousands of digits"
-    return text if len(text) <= limit else text[: limit - 10] + " ... " + text[-5:]
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return quoted(value)
+    if isinstance(value, Mapping):
+        pairs = ", ".join(f"{bare(str(k))} = {as_toml(v, of_object)}" for k, v in value.items())
+        return f"{{ {pairs} }}" if pairs else "{}"
+    if isinstance(value, Sequence):
+        return "[" + ", ".join(as_toml(v, of_object) for v in value) + "]"
+    return of_object(value)
+
+
+def shown(value: Any) -> str:
+    """A value as written in a TOML file, its middle left out where it is long."""
+    try:
+        text = as_toml(value)
+    except ValueError:
+        text = "a number of thousands of digits"
+    return text if len(text) <= LONGEST else text[: LONGEST - 10] + " ... " + text[-5:]
 
 
 def meant(given: Any, options: Iterable[str]) -> str:

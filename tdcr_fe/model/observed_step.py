@@ -70,40 +70,8 @@ class Observation:
 
 
 @dataclass(frozen=True, eq=False)
-class ObservedChange:
-    """Derivatives of the quantities of an `ObservedStep` by parameters, which are the last axis.
-
-    Attributes
-    ----------
-    positions : ndarray, shape (n, 3, P)
-        Change of the positions of the nodes in the world.
-    rotations : ndarray, shape (n, 3, P)
-        Change of the rotations of the sections, as world rotation vectors.
-    curvature_rates : ndarray, shape (n - 1, 2, 3, P)
-    displacements, base_tensions, distal_tensions : ndarray, shape (n_tendons, P)
-    s : ndarray, shape (n, P)
-        Change of the arc lengths of the nodes, which move along the backbone where disks do.
-    """
-
-    positions: Array
-    rotations: Array
-    curvature_rates: Array
-    displacements: Array
-    base_tensions: Array
-    distal_tensions: Array
-    s: Array
-
-    def difference_steps(self, step: ObservedStep) -> Array:
-        """Changes of the parameters that move a step by 1e-5 of its length, or turn it by so much, shape (P,)."""
-        length, count = float(step.s[-1]), self.positions.shape[-1]
-        moved = (self.positions / length, self.s / length, self.displacements / length, self.rotations)
-        size = np.max([np.max(np.abs(x.reshape(-1, count)), axis=0, initial=0.0) for x in moved], axis=0)
-        return np.where(size > 0.0, 1e-5 / np.where(size > 0.0, size, 1.0), 1e-5)
-
-
-@dataclass(frozen=True)
-class ObservedStep:
-    """The quantities of a solved step, or of a stack of steps on one mesh, from which readings are predicted.
+class Observables:
+    """The quantities of a solved step, or of several on one mesh, from which readings are predicted.
 
     Attributes
     ----------
@@ -115,8 +83,6 @@ class ObservedStep:
         Rotations of the sections; the third column is the tangent.
     displacements, base_tensions, distal_tensions : ndarray, shape (..., n_tendons)
         Pulled in at the base [m]; tensions above the base plate and at the anchor [N].
-    tendon_names : tuple of str
-    observation : Observation
     curvature_rates : ndarray, shape (..., n - 1, 2, 3), or None
         See `StepResult`.
     """
@@ -127,16 +93,53 @@ class ObservedStep:
     displacements: Array
     base_tensions: Array
     distal_tensions: Array
+    curvature_rates: Array | None = field(default=None, kw_only=True)
+
+    @property
+    def element_curvature(self) -> Array:
+        """Turning rates of the elements about the section's axes x, y, z [1/m], shape (..., n - 1, 3)."""
+        return turns(self.rotations) / np.diff(self.s)[..., None]
+
+
+def turns(rotations: Array) -> Array:
+    """Rotation vectors from one section to the next, in its own axes [rad], (..., n, 3, 3) to (..., n - 1, 3)."""
+    relative = np.swapaxes(rotations[..., :-1, :, :], -1, -2) @ rotations[..., 1:, :, :]
+    return Rotation.from_matrix(relative.reshape(-1, 3, 3)).as_rotvec().reshape(relative.shape[:-1])
+
+
+class ObservedChange(Observables):
+    """Derivatives of these quantities by parameters, which are the last axis; of the rotations, world rotation vectors.
+
+    Arc lengths change, too: nodes move along the backbone where disks do.
+    """
+
+    def difference_steps(self, step: ObservedStep) -> Array:
+        """Changes of the parameters that move a step by 1e-5 of its length, or turn it by so much, shape (P,)."""
+        length, count = float(step.s[-1]), self.positions.shape[-1]
+        moved = (self.positions / length, self.s / length, self.displacements / length, self.rotations)
+        size = np.max([np.max(np.abs(x.reshape(-1, count)), axis=0, initial=0.0) for x in moved], axis=0)
+        return np.where(size > 0.0, 1e-5 / np.where(size > 0.0, size, 1.0), 1e-5)
+
+
+@dataclass(frozen=True, eq=False)
+class ObservedStep(Observables):
+    """`Observables` as an instrument sees them.
+
+    Attributes
+    ----------
+    tendon_names : tuple of str
+    observation : Observation
+    """
+
     tendon_names: tuple[str, ...]
     observation: Observation = field(default_factory=Observation)
-    curvature_rates: Array | None = None
 
     @classmethod
     def of(cls, step: StepResult, names: tuple[str, ...], observation: Observation) -> ObservedStep:
         """A solved step of a robot with tendons of these names."""
         tensions = step.displacements, step.base_tensions, np.array([t[-1] for t in step.tensions])
-        more = names, observation, step.curvature_rates
-        return cls(step.s, step.positions, step.rotations, *tensions, *more)
+        shape, rates = (step.s, step.positions, step.rotations), step.curvature_rates
+        return cls(*shape, *tensions, names, observation, curvature_rates=rates)
 
     @property
     def nodes(self) -> Array:
@@ -191,9 +194,7 @@ class ObservedStep:
         along it where that is known; at a node the mean of both sides. Of straight tendons the curvature is largest in
         the middle of a bay.
         """
-        back = np.swapaxes(self.rotations[..., :-1, :, :], -1, -2)
-        turn = Rotation.from_matrix((back @ self.rotations[..., 1:, :, :]).reshape(-1, 3, 3)).as_rotvec()
-        rate = turn.reshape(*self.s.shape[:-1], -1, 3) / np.diff(self.s)[..., None]
+        rate = self.element_curvature
         before, after = (self._within(rate, elements_at(self.nodes, s + d), s) for d in (-AT_NODE, AT_NODE))
         return 0.5 * (before + after)
 

@@ -81,7 +81,7 @@ def timed(*values: float) -> Experiment:
 def read_at(lagged: Experiment) -> list[tuple[float, float]]:
     """Time and displacement of the first tendon where the readings belong to."""
     actions = resolve(lagged.robot, lagged.steps)
-    whole = [share == 1.0 for _, share in lagged.step_ends]
+    whole = [share == 1.0 for _, share in lagged.ends]
     return [(a.time, float(a.values[0])) for a in compress(actions, whole)]
 
 
@@ -110,7 +110,7 @@ def test_the_robot_passes_every_commanded_turning_point():
     lagged = with_effect(timed(0.0, 2e-3, 0.0), "time_lag", lag=0.25)
     found = [(s.time, s.displacements["t1"]) for s in lagged.steps]
     np.testing.assert_allclose(found, [(1.0, 0.0), (1.75, 1.5e-3), (2.0, 2e-3), (2.75, 5e-4)])
-    assert lagged.step_ends == ((0, 1.0), (1, 1.0), (2, 0.25), (2, 1.0))
+    assert lagged.ends == ((0, 1.0), (1, 1.0), (2, 0.25), (2, 1.0))
 
 
 def test_loads_are_interpolated_as_commands_are():

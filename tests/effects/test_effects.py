@@ -123,8 +123,8 @@ def test_a_step_is_divided_where_one_of_two_tensions_begins_to_move():
     steps = (LoadStep(tensions={"t1": 1.0, "t2": 0.0}), LoadStep(tensions={"t1": 0.5, "t2": 1.0}))
     s = with_effect(Experiment(three(0.1), MODEL, steps), "actuator_loss", dead_band=0.2)
     # t1 falls from 1.0 and lets go at 0.6, after 0.8 of the step; t2 arrives from 0.2 on.
-    assert [k for k, _ in s.step_ends] == [0, 1, 1, 1]
-    assert [share for _, share in s.step_ends] == pytest.approx([1.0, 0.2, 0.8, 1.0])
+    assert [k for k, _ in s.ends] == [0, 1, 1, 1]
+    assert [share for _, share in s.ends] == pytest.approx([1.0, 0.2, 0.8, 1.0])
     arrived = [(x.tensions["t1"], x.tensions["t2"]) for x in s.steps]
     np.testing.assert_allclose(arrived, [(0.8, 0), (0.8, 0), (0.8, 0.6), (0.7, 0.8)], atol=1e-12)
 

@@ -10,8 +10,6 @@ from searches import causes_of, problem_of
 
 from tdcr_fe import Disks, HelicalRouting, Load, LoadStep, Model, Reading, Robot, SolverSettings
 from tdcr_fe.effects import EFFECTS, Effect, Experiment, PlaceEffect, effect
-from tdcr_fe.effects.by_tendon import OfTendon
-from tdcr_fe.effects.observation import OfMarker
 from tdcr_fe.identify.derivatives import Column, Request, linearize
 from tdcr_fe.identify.dictionary import _along
 from tdcr_fe.identify.forward import ForwardModel, Job
@@ -133,7 +131,7 @@ def difference(about: FitProblem, effects: tuple, values: dict, name: tuple, run
     for x in (h, -h):
         moved = about.with_effects(effects, about.moved(effects, values, [name], np.array([x])))
         # The same substeps of divided steps.
-        found.append(residual_along(about, moved, (replace(run.trajectories[0], ends=moved.step_ends),)))
+        found.append(residual_along(about, moved, (replace(run.trajectories[0], ends=moved.ends),)))
     return (found[1] - found[0]) / (2.0 * h)
 
 
@@ -177,7 +175,7 @@ def test_every_effect_is_among_them() -> None:
 def test_every_form_is_among_them() -> None:
     """Forms by segment are those of each tendon, added up; those of single tendons and markers are parts of them."""
     every = [f for e in EFFECTS for f in e.forms(problem("tension").experiment) if f.name != e.name]
-    forms = {f.name for f in every if not isinstance(f, OfTendon | OfMarker)}
+    forms = {f.name for f in every if f.among == 1}
     assert forms == {n for _, values in TOGETHER for n in values if " (" in n}
 
 

@@ -40,11 +40,11 @@ def test_listed_effects_have_a_kind_and_causes_change_nothing_at_their_null_valu
 
 
 def test_a_cause_at_a_place_and_one_without_a_name_have_a_price():
-    bay, taper = effect("soft_bay").at({"s": 0.025}), declared()[2]["radius along the backbone"]
-    one = price((effect("gravity"),), ROBOT)
-    assert price((effect("gravity"), effect("creep")), ROBOT) == pytest.approx(2.0 * one)
-    assert price((bay,), ROBOT) - one == pytest.approx(2.0 * np.log(4))
-    assert price((taper,), ROBOT) - one == pytest.approx(2.0 * UNLISTED)
+    bay, taper = effect("soft_bay").at({"s": 0.025}, 4), declared()[2]["radius along the backbone"]
+    one = price((effect("gravity"),))
+    assert price((effect("gravity"), effect("creep"))) == pytest.approx(2.0 * one)
+    assert price((bay,)) - one == pytest.approx(2.0 * np.log(4))
+    assert price((taper,)) - one == pytest.approx(2.0 * UNLISTED)
 
 
 @pytest.mark.integration
@@ -114,7 +114,7 @@ def test_a_marker_that_is_glued_askew_is_one_of_the_explanations(number):
     kinks = [e for n, e in causes_of(own)[1].items() if n.startswith("kink")]
     found = search.grow(searching(), replace(state_of(own), dictionary=(*kinks, *forms)))
     fit = found.fits[frozenset({f"marker_offset (marker {number})"})]
-    assert fit.effects[0].choices(ROBOT) == len(own.experiment.observation.markers) == 2
+    assert fit.effects[0].among == len(own.experiment.observation.markers) == 2
     assert rank(own, fit) < rank(own, found.best) + BIC_DIFFERENCE
     for name, value in hidden.items():
         assert fit.values[fit.names[0]][name] == pytest.approx(value, abs=1.5e-4)

@@ -239,7 +239,7 @@ def test_the_replay_is_the_corrected_robot_step_by_step():
     declared = Experiment(ROBOT, MODEL, STEPS)
     experiment = with_effects(declared, {"actuator_loss": {"dead_band": 0.1, "efficiency": 0.9}})
     assert len(experiment.steps) > len(STEPS)
-    found = replay(_with(experiment, replace(experiment, steps=STEPS, ends=None)))
+    found = replay(_with(experiment, replace(experiment, steps=STEPS, ends=())))
     assert [s.step for s in found.steps] == list(range(1, 12))
     whole = simulate(ROBOT, experiment.model, experiment.steps)
     assert found.steps[-1].tip == pytest.approx(whole.steps[-1].tip, abs=1e-9)

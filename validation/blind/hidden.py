@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from tdcr_fe.effects import Experiment, effect
+from tdcr_fe.model.observed_step import turns
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.validation.blind.declared import largest_commands
 from tdcr_fe.validation.blind.recipes import Recipe
@@ -47,9 +47,7 @@ def sizes_of(declared: Experiment, solution: SequenceResult) -> dict[str, float]
 
 
 def _largest_curvature(step: StepResult) -> float:
-    relative = np.swapaxes(step.rotations[:-1], 1, 2) @ step.rotations[1:]
-    turn = Rotation.from_matrix(relative).as_rotvec()[:, :2]
-    return float(np.max(np.linalg.norm(turn, axis=1) / np.diff(step.s)))
+    return float(np.max(np.linalg.norm(turns(step.rotations)[:, :2], axis=1) / np.diff(step.s)))
 
 
 #: By effect, the ranges of its parameters.

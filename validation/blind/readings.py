@@ -90,7 +90,7 @@ def read(result: SequenceResult, setup: Experiment, marks: Sequence[Mark]) -> Ar
     """
     names = tuple(setup.robot.tendon_names)
     # Where effects divide a step, its end is read.
-    steps = {k: result.steps[j] for j, (k, _) in enumerate(setup.step_ends)}
+    steps = {k: result.steps[j] for j, (k, _) in enumerate(setup.ends)}
     marked = {k for k, _, _ in marks}
     observed = {k: ObservedStep.of(steps[k], names, setup.observation) for k in marked}
     return np.array([float(channel(q).predict(observed[k], [location])[0]) for k, q, location in marks])

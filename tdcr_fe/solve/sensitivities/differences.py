@@ -240,12 +240,12 @@ def _actions_like(
 
     ``ordered``: whether the results depend on the order in which inputs change within a step.
     """
-    actions = resolve(other.robot, other.steps)
+    actions, divided = resolve(other.robot, other.steps), len(present.whole_steps) < len(present.steps)
     if same_structure(present.steps, other.steps):
-        if [k for k, _ in present.step_ends] == [k for k, _ in other.step_ends]:
+        if [k for k, _ in present.ends] == [k for k, _ in other.ends]:
             return actions
         # A simulation does not know how effects divided its steps; a neighbour divided likewise has nearly its inputs.
-        if present.ends is None and _nearly_same(own, actions):
+        if not divided and _nearly_same(own, actions):
             return actions
     # Where only the neighbour is divided, its parts begin and end where the change of the parameter takes them.
     if ordered:
@@ -254,7 +254,7 @@ def _actions_like(
             "own there is a derivative (effect_parameter)"
         )
     whole = other.whole_steps
-    if present.ends is not None or len(whole) != len(present.steps):
+    if divided or len(whole) != len(present.steps):
         raise StructureChanged("the load steps are divided differently there")
     return [actions[j] for j in whole]
 

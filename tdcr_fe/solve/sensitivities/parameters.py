@@ -9,13 +9,14 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
 
 from tdcr_fe.effects import EFFECTS, Experiment, effect, with_effects
+from tdcr_fe.effects.base import value_at, with_value_at
 from tdcr_fe.elements import Array
 from tdcr_fe.model.checks import ARC_TOLERANCE
 from tdcr_fe.model.robot import Robot, Tendon
@@ -268,37 +269,12 @@ def _examples(robot: Robot, name: str) -> str:
 # ---------------------------------------------------------------------- values inside descriptions
 
 
-def _get(found: Any, path: Sequence[str]) -> Any:
-    """The value at a path of fields, keys and indices."""
-    for token in path:
-        if is_dataclass(found):
-            found = getattr(found, token)
-        elif isinstance(found, Mapping):
-            found = found[token]
-        else:
-            found = found[int(token)]
-    return found
-
-
-def _with(found: Any, path: Sequence[str], value: Any) -> Any:
-    """A copy with another value at a path."""
-    if not path:
-        return value
-    token, rest = path[0], path[1:]
-    if is_dataclass(found) and not isinstance(found, type):
-        return replace(found, **{token: _with(getattr(found, token), rest, value)})
-    if isinstance(found, Mapping):
-        return {**found, token: _with(found[token], rest, value)}
-    k = int(token)
-    return (*found[:k], _with(found[k], rest, value), *found[k + 1 :])
-
-
 def _field(name: str, path: Sequence[str], value: float, size: float) -> ModelParameter:
-    return ModelParameter(name, value, size, lambda experiment, new: _with(experiment, path, new))
+    return ModelParameter(name, value, size, lambda experiment, new: with_value_at(experiment, path, new))
 
 
 def _number(experiment: Experiment, name: str, path: Sequence[str]) -> ModelParameter:
-    value = _get(experiment, path)
+    value = value_at(experiment, path)
     if isinstance(value, bool) or not isinstance(value, int | float) or path[-1] == "substeps":
         raise TypeError(name)
     return _field(name, path, float(value), _size(experiment.robot, path, float(value)))
@@ -345,7 +321,7 @@ def _tendon_parameter(robot: Robot, name: str, rest: Sequence[str]) -> ModelPara
         without = [i for i, t in enumerate(robot.tendons) if not t.friction]  # a law has the coefficient
         which, tokens = without if rest == ["friction_coefficient"] else list(range(len(names))), rest
     paths = [_tendon_path(robot.tendons[i], tokens) for i in which]
-    present = [_get(robot.tendons[i], path) for i, path in zip(which, paths, strict=True)]
+    present = [value_at(robot.tendons[i], path) for i, path in zip(which, paths, strict=True)]
     if any(x is None for x in present) and tokens[-1] == "axial_stiffness":
         raise ValueError(
             f"sensitivities: {name!r}: the tendon is inextensible; effects.tendon_stretch.axial_stiffness gives "
@@ -358,7 +334,7 @@ def _tendon_parameter(robot: Robot, name: str, rest: Sequence[str]) -> ModelPara
     def apply(experiment: Experiment, value: float) -> Experiment:
         tendons = list(experiment.robot.tendons)
         for i, path, before in zip(which, paths, present, strict=True):
-            tendons[i] = _with(tendons[i], path, before + (value - mean))
+            tendons[i] = with_value_at(tendons[i], path, before + (value - mean))
         return experiment.with_robot(tendons=tuple(tendons))
 
     size = 0.2 if tokens[-1].startswith("turns") else max(_size(robot, tokens, float(x)) for x in present)
