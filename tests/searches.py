@@ -39,8 +39,8 @@ def read_as_predicted(problem, residual, sigma=1e-5):
 
 def causes_of(problem):
     """The run of the declared model, and all causes by name."""
-    (run,) = problem.run([Job(problem.experiment, states=True)])
-    causes = dictionary(problem, run.bays)
+    (run,) = problem.run([Job(problem.experiment)])
+    causes = dictionary(problem, run)
     found = {e.name: e for e in causes}
     assert len(found) == len(causes)
     return run, found
@@ -63,9 +63,9 @@ def begun(data):
     return declared_state(prepare(data, IdentifySettings(), ForwardModel()))
 
 
-def searching(deadline=np.inf, **settings):
+def searching(**settings):
     """A search that reports nothing."""
-    return Search(IdentifySettings(**settings), lambda text, share: None, deadline)
+    return Search(IdentifySettings(**settings), lambda text, share: None)
 
 
 def fitted(problem, *effects):
@@ -85,9 +85,9 @@ def with_model(state, values):
     return replace(state.with_fit(best), best=best)
 
 
-def concluded(state, search=None, **found):
+def concluded(state, deadline=np.inf, **found):
     """The result of a search that ended in a state."""
-    return conclude(search or searching(), replace(state, **found))
+    return conclude(replace(state, **found), deadline=deadline)
 
 
 # ------------------------------------------------------------ a result

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, is_dataclass, replace
 from typing import Any, NamedTuple
 
-from tdcr_fe.model.loading import LoadStep, Model
+from tdcr_fe.model.loading import Actuation, LoadStep, Model, resolve
 from tdcr_fe.model.observed_step import Observation
 from tdcr_fe.model.robot import Robot, Tendon
 
@@ -32,9 +32,9 @@ class Experiment:
     steps : tuple of LoadStep
         The commanded loading sequence; effects turn it into the actual one.
     observation : Observation
-    ends : tuple of (int, float) or None
-        Set where effects divide load steps because an input has a kink within the step: for every one of ``steps``, the
-        commanded step that it belongs to and the load factor at its end. None: the steps are the commanded ones.
+    ends : tuple of (int, float)
+        For every one of ``steps``, the commanded step that it belongs to and the load factor at its end. Effects divide
+        load steps in which an input has a kink; by default the steps are the commanded ones.
     restarts : tuple of int
         Commanded steps, from 0, at which the robot begins anew, unloaded: several loading sequences of one robot, each
         a folder of measured data.
@@ -64,6 +64,16 @@ class Experiment:
     def whole_steps(self) -> list[int]:
         """Numbers of the steps, from 0, with which commanded ones end."""
         return [j for j, (_, factor) in enumerate(self.ends) if factor == 1.0]
+
+    @property
+    def first_steps(self) -> tuple[int, ...]:
+        """Numbers of the steps, from 0, with which further loading sequences begin."""
+        return tuple(self.whole_steps[k - 1] + 1 for k in self.restarts)
+
+    @property
+    def actions(self) -> list[Actuation]:
+        """What acts at the end of every step."""
+        return resolve(self.robot, self.steps, restarts=self.first_steps)
 
     @property
     def sequences(self) -> tuple[Experiment, ...]:

@@ -16,9 +16,10 @@ from scipy.spatial.transform import Rotation
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.elements import Array, Flags
-from tdcr_fe.model.loading import Load, LoadStep, resolve
+from tdcr_fe.model.loading import Load, LoadStep
 from tdcr_fe.model.observed_step import turns
 from tdcr_fe.model.results import StepResult
+from tdcr_fe.model.robot import Robot
 
 if TYPE_CHECKING:
     from tdcr_fe.identify.run import Run, RunDerivatives
@@ -69,12 +70,6 @@ class BayState:
         """With curvatures and twist, and displacements, changed, shape (K, n_bays, 6)."""
         curvature, moved = self.curvature + change[..., MOMENT], self.moved + change[..., FORCE]
         return replace(self, curvature=curvature, moved=moved)
-
-    @classmethod
-    def joined(cls, parts: Sequence[BayState]) -> BayState:
-        """The states of several loading sequences as one, one after another."""
-        by_step = ("curvature", "rotation", "moved", "tension", "direction", "time", "begins")
-        return replace(parts[0], **{n: np.concatenate([getattr(p, n) for p in parts]) for n in by_step})
 
 
 def end_of_bay(edges: Array, bay: int) -> str:
@@ -171,11 +166,13 @@ def bay_state(experiment: Experiment, steps: Sequence[StepResult]) -> BayState:
         tension[:, inside, i] = every[:, np.minimum(at, every.shape[1] - 1)]
         hole = tendon.routing.position(np.minimum(middles, end), end)
         lever[:, i] = np.stack((-hole[:, 1], hole[:, 0]), axis=1)
-    actions = resolve(robot, experiment.steps)
+    actions, starts = experiment.actions, experiment.restarts
     whole = [actions[j] for j in experiment.whole_steps]
     time = np.array([a.time for a in whole])
-    direction = last_direction(np.array([a.values for a in whole]).reshape(count, m))
-    return BayState(edges, curvature, rotation, moved, tension, lever, direction, time, np.arange(count) == 0)
+    commands = np.array([a.values for a in whole]).reshape(count, m)
+    direction = np.concatenate([last_direction(own) for own in np.split(commands, starts)])
+    begins = np.isin(np.arange(count), (0, *starts))
+    return BayState(edges, curvature, rotation, moved, tension, lever, direction, time, begins)
 
 
 def last_direction(values: Array, least: float = 0.0) -> Array:
@@ -187,9 +184,10 @@ def last_direction(values: Array, least: float = 0.0) -> Array:
     return found
 
 
-class Response(NamedTuple):
-    """Derivatives by the action of the same load step, everything before the step unchanged."""
+class Acted(NamedTuple):
+    """The action that a run carries, and derivatives by that of the same load step, all before the step unchanged."""
 
+    action: Action
     readings: Array  # of the predictions over sigma, shape (n, 6 n_bays)
     # of curvatures, twist and displacements of the bays, in the order of an action, shape (K, 6 n_bays, 6 n_bays)
     state: Array
@@ -216,3 +214,9 @@ def loads_of_action(rotation: Array) -> Array:
             matrix[:, b - 1, 3:, b, MOMENT] = -rotation[:, b]
         matrix[:, b, :3, b, FORCE] = np.eye(3)
     return matrix.reshape(steps, 6 * bays, COMPONENTS * bays)
+
+
+def scale(robot: Robot) -> Array:
+    """Moments and forces that bend a backbone by about its length, in the order of an action, shape (6,)."""
+    backbone = robot.backbone
+    return np.array([backbone.EI / backbone.length] * 3 + [backbone.EI / backbone.length**2] * 3)

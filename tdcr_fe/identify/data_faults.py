@@ -6,6 +6,7 @@ import itertools
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -60,22 +61,10 @@ class _Fault(NamedTuple):
 class _Drive(NamedTuple):
     """What the declared inputs should have been."""
 
-    names: Mapping[str, str]  # which tendon those of a tendon are of
+    text: str
+    names: Mapping[str, str] = MappingProxyType({})  # which tendon those of a tendon are of
     displacements: float = 1.0  # their factor
     forces: float = 1.0
-
-
-#: What the inputs should have been, as a sentence, too.
-_Change = tuple[_Drive, str]
-
-
-class _Promise(NamedTuple):
-    """A change of the inputs, and how well the readings fit with it; see `_Grid.judged`."""
-
-    cost: float
-    text: str
-    first: int
-    change: _Change
 
 
 @dataclass(frozen=True)
@@ -389,51 +378,53 @@ def _other_drives(problem: FitProblem, declared: Fit, grid: _Grid) -> tuple[floa
     """
     robot, declared_drive = problem.data.robot, problem.experiment
     couples = itertools.combinations(robot.tendon_names, 2)
-    changes: list[_Change] = [
-        (_Drive({a: b, b: a}), f"tendons {a} and {b} are exchanged") for a, b in couples
-    ]
+    drives = [_Drive(f"tendons {a} and {b} are exchanged", {a: b, b: a}) for a, b in couples]
     for end in sorted({robot.end(t) for t in robot.tendons}):
         ring = [t.name for t in robot.tendons if robot.end(t) == end]
         for k in range(1, len(ring)) if len(ring) > 2 else ():
             turned = ring[k:] + ring[:k]
             text = f"the inputs of {', '.join(ring)} are those of {', '.join(turned)}"
-            changes.append((_Drive(dict(zip(ring, turned, strict=True))), text))
+            drives.append(_Drive(text, dict(zip(ring, turned, strict=True))))
     if problem.data.driven_by_displacement:
-        changes.append((_Drive({}, displacements=-1.0), "displacements have the opposite sign"))
+        drives.append(_Drive("displacements have the opposite sign", displacements=-1.0))
     if any(step.loads for step in declared_drive.steps):
-        changes.append((_Drive({}, forces=-1.0), "forces at the tip have the opposite sign"))
-    shown, steps = changes, len(problem.data.steps)
+        drives.append(_Drive("forces at the tip have the opposite sign", forces=-1.0))
+    if not drives:
+        return np.inf, ""
+    steps = len(problem.data.steps)
     if steps > 4 * SHOWING and not problem.data.parts:
         rows = RowChoice.of_steps(problem.data, range(0, steps, steps // SHOWING))
         known = replace(declared, residual=declared.residual[list(rows.readings)])
         few = problem.of_rows(rows)
-        shown = [_most_promising(few, known, _Grid.of(few, known, grid.family), changes).change]
-    cost, text, first, (best, _) = _most_promising(problem, declared, grid, shown)
+        drives = [_most_promising(few, known, _Grid.of(few, known, grid.family), drives)[-1]]
+    cost, text, first, drive = _most_promising(problem, declared, grid, drives)
     if cost > 0.5 * _mean_square(declared.residual[grid.which]):
         return np.inf, ""
-    drive = _driven(declared_drive, best, problem.data.step_ids.index(grid.steps[first]))
-    (run,) = problem.run([Job(drive)])
-    return _mean_square(problem.residual(drive, run)[grid.which]), text
+    driven = _driven(declared_drive, drive, problem.data.step_ids.index(grid.steps[first]))
+    (run,) = problem.run([Job(driven)])
+    return _mean_square(problem.residual(driven, run)[grid.which]), text
 
 
-def _most_promising(problem: FitProblem, declared: Fit, grid: _Grid, changes: Sequence[_Change]) -> _Promise:
-    """The one of several changes of the inputs that fits best without friction."""
+def _most_promising(
+    problem: FitProblem, declared: Fit, grid: _Grid, drives: Sequence[_Drive]
+) -> tuple[float, str, int, _Drive]:
+    """The inputs, of several, that fit best without friction, after what `_Grid.judged` says of them."""
     plain = replace(
         problem.experiment, model=replace(problem.experiment.model, friction="none", elements_per_bay=1)
     )
-    free = [join_steps(plain), *(join_steps(_driven(plain, change)) for change, _ in changes)]
+    free = [join_steps(plain), *(join_steps(_driven(plain, drive)) for drive in drives)]
     runs = problem.run([Job(e) for e in free])
     here, *others = [problem.residual(e, run) for e, run in zip(free, runs, strict=True)]
     judged = []
-    for other, change in zip(others, changes, strict=True):
-        fault = _Fault(grid.table(declared.residual + other - here), _FIT_IF + change[1])
-        judged.append(_Promise(*grid.judged(fault), change))
-    return min(judged, key=lambda x: x.cost, default=_Promise(np.inf, "", 0, (_Drive({}), "")))
+    for other, drive in zip(others, drives, strict=True):
+        fault = _Fault(grid.table(declared.residual + other - here), _FIT_IF + drive.text)
+        judged.append((*grid.judged(fault), drive))
+    return min(judged, key=lambda x: x[0])
 
 
-def _driven(experiment: Experiment, change: _Drive, since: int = 0) -> Experiment:
+def _driven(experiment: Experiment, drive: _Drive, since: int = 0) -> Experiment:
     """With other inputs and forces from a commanded step on."""
-    (names, factor, push), steps = change, list(experiment.steps)
+    (_, names, factor, push), steps = drive, list(experiment.steps)
 
     def pushed(load: Load) -> Load:
         x, y, z = load.force
@@ -452,7 +443,7 @@ def other_sign_solves(problem: FitProblem) -> str:
     """A sentence where the declared model, which is not solved, is solved with displacements of the other sign."""
     if not problem.data.driven_by_displacement:
         return ""
-    (run,) = problem.run([Job(_driven(problem.experiment, _Drive({}, displacements=-1.0)))])
+    (run,) = problem.run([Job(_driven(problem.experiment, _Drive("", displacements=-1.0)))])
     if not run.solved:
         return ""
     return f"With the opposite sign of all displacements it does: {_PULLED_IN}, negative where it is let out."

@@ -11,9 +11,8 @@ How a derivative is taken follows from what the parameter changes:
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property, partial
@@ -24,13 +23,13 @@ import numpy as np
 from tdcr_fe.effects import Effect, Experiment, Parameter
 from tdcr_fe.elements import Array
 from tdcr_fe.identify import bay_state
-from tdcr_fe.identify.balance import agreed, coupling, of_readings, through_state
-from tdcr_fe.identify.bay_state import COMPONENTS
+from tdcr_fe.identify.bay_state import COMPONENTS, Acted, Action, BayState, scale
 from tdcr_fe.identify.causes import BesideDescription, ReadingCause, StateLoad
-from tdcr_fe.identify.forward import Job, advance
+from tdcr_fe.identify.forward import Job, Work, advance
 from tdcr_fe.identify.input_causes import ChangedInputs, Commands
 from tdcr_fe.identify.problem import FitProblem, Point
-from tdcr_fe.identify.run import Acted, Run, RunDerivatives, Trajectories
+from tdcr_fe.identify.run import Run, RunDerivatives, Trajectory
+from tdcr_fe.model.robot import Robot
 from tdcr_fe.solve.sensitivities.differences import Tabulated, same_structure, tabulated
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter, StepInputs
 
@@ -72,7 +71,7 @@ class Request(NamedTuple):
         return None if self.reference is None else self.reference.bays
 
     @property
-    def trajectories(self) -> Trajectories | None:
+    def trajectories(self) -> Trajectory | None:
         """The path that the run follows."""
         return None if self.reference is None else self.reference.trajectories
 
@@ -90,23 +89,7 @@ class Linear(NamedTuple):
 
 def linearize(problem: FitProblem, requests: Sequence[Request]) -> list[Linear]:
     """Linearise several models, all at a time."""
-    return linearize_each([(problem, request) for request in requests])
-
-
-def linearize_each(pairs: Sequence[tuple[FitProblem, Request]]) -> list[Linear]:
-    """Linearise several models, each of a problem of its own; their runs are shared among the processes.
-
-    Forward model, path tolerance and deadline are those of the first. An impossible robot, as two laws of the material
-    that exclude each other, counts as not solved, and so does a load that does not balance with the state it depends
-    on.
-    """
-    first = pairs[0][0]
-
-    def simulated(asked: Sequence[Sequence[Job]]) -> list[list[Run]]:
-        runs = iter(first.run([job for jobs in asked for job in jobs]))
-        return [list(itertools.islice(runs, len(jobs))) for jobs in asked]
-
-    return advance([_linearized(problem, request) for problem, request in pairs], simulated)
+    return advance([linearized(problem, request) for request in requests], problem.run)
 
 
 #: A load agrees with the state that it depends on where what is missing is less than this: moments over EI/L, forces
@@ -118,11 +101,14 @@ BALANCED = 1e-2
 NEARER = 0.5
 
 
-def _linearized(problem: FitProblem, request: Request) -> Generator[list[Job], list[Run], Linear]:
-    """Linearise one model; yields what has to be simulated.
+def linearized(problem: FitProblem, request: Request) -> Work[Linear]:
+    """Linearise one model.
+
+    An impossible robot, as two laws of the material that exclude each other, counts as not solved, and so does a load
+    that does not balance with the state it depends on.
 
     Loads that depend on the state are made to agree with it, run by run as long as much less is missing, see
-    `tdcr_fe.identify.balance`.
+    `agreed`.
     """
     smallest = math.inf
     try:
@@ -210,8 +196,8 @@ class _Part:
         self.exact = {table.name: number for number, table in tables.items()}
         self.of_inputs, self.shares = list(inputs), changes @ rows.T
         acting = () if action is None else bay_state.action_inputs(self.experiment)
-        job = Job(self.experiment, request.trajectories, request.record, (*tables.values(), *parts, *acting))
-        self.job = job._replace(states=action is not None, curvatures=problem.readings.of_curvature)
+        parameters, curvatures = (*tables.values(), *parts, *acting), problem.readings.of_curvature
+        self.job = Job(self.experiment, request.trajectories, request.record, parameters, curvatures)
 
     def _acted(self, experiment: Experiment) -> Experiment:
         """The experiment with the action; steps and loads that are those of the model are shared with it."""
@@ -314,7 +300,7 @@ class _Part:
         actions = by.part(named).times(bay_state.loads_of_action(run.bays.rotation))
         rows = self._of(run, actions)
         moved = bay_state.state_change(run, actions)
-        acted = Acted(self.action, bay_state.Response(np.where(np.isfinite(rows), rows, 0.0), moved))
+        acted = bay_state.Acted(self.action, np.where(np.isfinite(rows), rows, 0.0), moved)
         run = replace(run, acted=acted)
         if not loads:
             return run, 0.0
@@ -385,7 +371,7 @@ class _Part:
     def _add_loads(self, matrix: Array, run: Run, numbers: Sequence[int], moved: Array) -> None:
         """Columns of loads that depend on the state; and what those of the model add to the other columns."""
         assert run.bays is not None and run.acted is not None
-        state, response, loads = run.bays, run.acted.response, _loads(self.effects)
+        state, loads = run.bays, _loads(self.effects)
         steps, bays = state.shape
         own = {n: x.effect for n, x in enumerate(self.request.columns) if isinstance(x.effect, StateLoad)}
         which = sorted({*own, *(numbers if loads else ())})
@@ -400,8 +386,8 @@ class _Part:
         if loads:
             by_state = through_state(loads, self.values, state, moved)
             stacked[..., np.searchsorted(which, numbers)] += by_state
-            stacked[:] = np.linalg.solve(coupling(loads, self.values, state, response), stacked)
-        matrix[:, which] += of_readings(self.problem, stacked, response)
+            stacked[:] = np.linalg.solve(coupling(loads, self.values, state, run.acted), stacked)
+        matrix[:, which] += of_readings(self.problem, stacked, run.acted)
 
 
 def _difference(values: Mapping[int, Array], present: Array, step: float) -> Array:
@@ -410,3 +396,64 @@ def _difference(values: Mapping[int, Array], present: Array, step: float) -> Arr
         return (values[1] - values[-1]) / (2.0 * step)
     side = 1 if 1 in values else -1
     return side * (2.0 * values[side] - 0.5 * values[2 * side] - 1.5 * present) / step
+
+
+# ------------------------------------------------------------------------------------ loads and state
+
+
+#: Loads agree with the state where less is missing: moments over EI/L, forces over EI/L^2 [1].
+AGREED = 1e-8
+
+
+class Agreement(NamedTuple):
+    """Loads and state near a run."""
+
+    action: Action
+    change: Array  # of the action from that of the run, shape (K, 6 n_bays, 1)
+    state: BayState  # with the change
+    missing: float  # what the loads give beyond the action of the run, over `scale` [1]
+
+
+def agreed(loads: Sequence[StateLoad], values: Point, run: Run, robot: Robot) -> Agreement:
+    """Loads and state near a run that carries an action, by Newton's method.
+
+    What depends on the rows before is right for one row more with each iteration: there are as many as rows.
+    """
+    assert run.bays is not None and run.acted is not None
+    acted, start = run.acted, run.acted.action.in_frames(run.bays.rotation)
+    shape, size = start.values.shape, scale(robot)
+    change, missing, best = np.zeros((shape[0], shape[1] * COMPONENTS, 1)), list[float](), None
+    while True:
+        state = run.bays.corrected((acted.state @ change).reshape(shape))
+        action = start.values + change.reshape(shape)
+        gap = sum((e.action(state, values[e.name]) for e in loads), -action)
+        missing.append(float(np.max(np.abs(gap) / size)))
+        if best is None or missing[-1] <= min(missing):
+            best = Agreement(Action(action, start.rotation), change, state, missing[0])
+        if missing[-1] < AGREED or len(missing) > len(start.values):
+            return best
+        change = change + np.linalg.solve(coupling(loads, values, state, acted), gap.reshape(change.shape))
+
+
+def through_state(loads: Sequence[StateLoad], values: Point, state: BayState, moved: Array) -> Array:
+    """Change of the action by changes of the state, shape (K, 6 n_bays, P) both."""
+    none = np.zeros((*state.shape, COMPONENTS, COMPONENTS))
+    slope = sum((e.slope(state, values[e.name]) for e in loads), none)
+    rows = moved.reshape(*state.shape, COMPONENTS, -1)
+    return np.einsum("kbij,kbjp->kbip", slope, rows).reshape(moved.shape)
+
+
+def coupling(loads: Sequence[StateLoad], values: Point, state: BayState, acted: Acted) -> Array:
+    """The matrix ``I - F' H`` of every step, shape (K, 6 n_bays, 6 n_bays)."""
+    through = through_state(loads, values, state, acted.state)
+    return np.asarray(np.eye(through.shape[1]) - through)
+
+
+def of_readings(problem: FitProblem, actions: Array, acted: Acted) -> Array:
+    """Change of the predictions over sigma by actions of shape (K, 6 n_bays, q) to first order, shape (n, q)."""
+    out = np.zeros((problem.count, actions.shape[-1]))
+    steps = problem.readings.step
+    for k in np.unique(steps):
+        mine = steps == k
+        out[mine] = acted.readings[mine] @ actions[k]
+    return out

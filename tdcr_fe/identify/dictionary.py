@@ -39,21 +39,22 @@ if TYPE_CHECKING:
     from tdcr_fe.identify.run import Run
 
 
-def dictionary(problem: FitProblem, state: BayState) -> tuple[Effect, ...]:
+def dictionary(problem: FitProblem, run: Run) -> tuple[Effect, ...]:
     """All candidate causes of a problem.
 
     Parameters
     ----------
     problem
         With the listed effects in its catalogue.
-    state
-        State of the declared model.
+    run
+        That of the declared model.
     """
     experiment, catalogue = problem.experiment, problem.catalogue
     listed = [form for e in catalogue for form in e.forms(experiment)]
     of_places = ((e, e.places(experiment.robot)) for e in catalogue if isinstance(e, PlaceEffect))
     places = [e.at(place, len(every)) for e, every in of_places for place in every]
-    return (*listed, *places, *unlisted(problem, state))
+    assert run.bays is not None
+    return (*listed, *places, *unlisted(problem, run.bays))
 
 
 def unlisted(problem: FitProblem, state: BayState) -> list[Cause]:

@@ -12,9 +12,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -22,14 +21,14 @@ from scipy.optimize import lsq_linear
 from tdcr_fe.effects import Effect
 from tdcr_fe.elements import Array, Flags
 from tdcr_fe.identify.causes import ReadingCause
-from tdcr_fe.identify.derivatives import Column, Linear, Request, linearize
-from tdcr_fe.identify.forward import advance
+from tdcr_fe.identify.derivatives import Column, Request, linearized
+from tdcr_fe.identify.forward import Work, advance
 from tdcr_fe.identify.problem import Fit, FitProblem, Free, Point
 from tdcr_fe.identify.result import PROFILED, Profile
-from tdcr_fe.identify.settings import OutOfTime, clock
+from tdcr_fe.identify.settings import OutOfTime
 
-#: A fit under way: yields what has to be simulated, is sent what came out, and returns the fit.
-Fitting = Generator[Request, Linear, Fit]
+#: A fit under way.
+Fitting = Work[Fit]
 
 #: A parameter is not fitted where its value could not be distinguished from zero: its typical step changes the
 #: readings by less than NOTHING (rms over sigma), and FURTHEST such steps, or as many as its bounds allow, change all
@@ -63,7 +62,6 @@ class Race:
     """When fits that compete are of no interest any more, and when they end where they are."""
 
     limit: float = math.inf  # cost above which a fit is of no interest
-    deadline: float = math.inf  # reading of `tdcr_fe.identify.settings.clock` [s]
 
     def reached(self, cost: float) -> None:
         """Note that one of the fits has come to this cost; the others have to come near it."""
@@ -89,7 +87,7 @@ def run_fits(problem: FitProblem, fittings: Sequence[Fitting]) -> list[Fit]:
     OutOfTime
         The deadline has passed before each had a complete model.
     """
-    return advance(fittings, partial(linearize, problem))
+    return advance(fittings, problem.run)
 
 
 def fit(problem: FitProblem, effects: Sequence[Effect], start: Point, race: Race | None = None) -> Fit:
@@ -137,7 +135,8 @@ def evaluated(
     natural = {(e.name, p.name): p.scale for e in effects for p in e.parameters}
     scale = np.array([problem.scales.get(k, natural[k]) for k in free])  # typical steps
     columns = columns_of(effects, values, free, 0.2 * scale)
-    linear = yield Request(tuple(effects), values, columns, None if along is None else along.run)
+    request = Request(tuple(effects), values, columns, None if along is None else along.run)
+    linear = yield from linearized(problem, request)
     z = problem.coordinates(effects, values, free)
     null = problem.coordinates(effects, {e.name: e.null_values(problem.experiment) for e in effects}, free)
     steps = np.maximum(scale, np.abs(z - null) / FURTHEST)
@@ -191,8 +190,6 @@ def descend(problem: FitProblem, now: Fit, race: Race, predicted: Array | None =
     damping, failed = 1e-3, math.inf
     error = float("inf") if predicted is None else distance(problem, now.residual, predicted)
     for _ in range(ITERATIONS if now.free else 0):
-        if clock() > race.deadline:
-            break
         step, promised = _proposal(problem, now, damping)
         if promised < little(now) or damping > 1e6:
             return replace(now, stuck=failed < math.inf)
@@ -260,6 +257,15 @@ def finish(problem: FitProblem, now: Fit, race: Race) -> Fitting:
         return now
 
 
+def fitted(problem: FitProblem, now: Fit, race: Race, predicted: Array | None = None) -> Fitting:
+    """A model fitted, to the end where it comes near the best; `predicted` as in `descend`."""
+    now = yield from descend(problem, now, race, predicted)
+    race.reached(now.cost)
+    if now.cost <= race.limit:
+        now = yield from finish(problem, replace(now, pruned=False), race)
+    return now
+
+
 def smaller(
     problem: FitProblem, effects: Sequence[Effect], start: Point, best: Fit, known: Fit | None = None
 ) -> Fitting:
@@ -270,10 +276,7 @@ def smaller(
     now = yield from begin(problem, effects, start, best)
     if known is not None and not known.pruned and known.cost - reachable_cost(problem, now) < little(known):
         return known
-    now = yield from descend(problem, now, Race(limit_beside(best.cost)))
-    if now.cost <= limit_beside(best.cost):
-        now = yield from finish(problem, now, Race())
-    return now
+    return (yield from fitted(problem, now, Race(limit_beside(best.cost))))
 
 
 def _proposal(problem: FitProblem, now: Fit, damping: float) -> tuple[Array, float]:
@@ -324,8 +327,7 @@ def profiles(problem: FitProblem, fit: Fit) -> Iterator[Profile]:
 
     Where a parameter is normally distributed, the misfit grows with the square of the distance in standard errors.
     Where it is not, its 95 % interval is that of the profile (Bates and Watts, Nonlinear Regression Analysis, Sec.
-    6.1). The others follow along the ridge that the covariance gives, so that a profile takes two runs. Those for
-    which the time of the problem does not suffice are left out.
+    6.1). The others follow along the ridge that the covariance gives, so that a profile takes two runs.
     """
     spread = covariance(problem, fit)
     deviation = np.sqrt(np.maximum(np.diag(spread), 0.0))
@@ -341,10 +343,7 @@ def profiles(problem: FitProblem, fit: Fit) -> Iterator[Profile]:
         inside = np.all((z + along >= limits[:, 0]) & (z + along <= limits[:, 1]), axis=1)
         points = [problem.moved(fit.effects, fit.values, fit.free, x) for x in along[inside]]
         fits = [evaluated(problem, fit.effects, p, (), fit) for p in points]
-        try:
-            cost = np.array([x.cost for x in run_fits(problem, fits)])
-        except OutOfTime:
-            return
+        cost = np.array([x.cost for x in run_fits(problem, fits)])
         # In units of the growth by one standard error where the model is linear.
         growth = np.sqrt(np.maximum(cost - fit.cost, 0.0)) / np.linalg.norm(jacobian @ step)
         roots = np.append(np.sign(PROFILED[inside]) * growth, 0.0)

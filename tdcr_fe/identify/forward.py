@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
+from itertools import islice
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.identify.bay_state import bay_state
-from tdcr_fe.identify.run import Run, RunDerivatives, Trajectories, Trajectory, mesh_nodes
-from tdcr_fe.identify.settings import OutOfTime, clock, end_at, keep_time, spend
+from tdcr_fe.identify.run import Run, RunDerivatives, Trajectory, mesh_nodes
+from tdcr_fe.identify.settings import OutOfTime, clock, end_at, spend
 from tdcr_fe.io.processes import worker_pool
 from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.model.results import SequenceResult
@@ -34,11 +34,10 @@ class Job(NamedTuple):
     """One simulation asked for."""
 
     experiment: Experiment
-    reference: Trajectories | None = None  # of a neighbouring run, which this one follows: fast
+    reference: Trajectory | None = None  # of a neighbouring run, which this one follows: fast
     record: bool = False  # whether the run keeps its own path
     # by which the run is differentiated, see `tdcr_fe.solve.sensitivities.differences.tabulated`
     parameters: tuple[Parameter, ...] = ()
-    states: bool = False  # whether the run gives the states of the bays
     curvatures: bool = True  # whether derivatives of the curvature rates are needed; else they are zero
 
 
@@ -79,18 +78,6 @@ def simulate_experiment(job: Job, settings: SolverSettings, deadline: float = ma
         The deadline has passed.
     """
     experiment = job.experiment
-    if experiment.restarts:
-        runs: list[Run] = []
-        end = 0
-        for number, part in enumerate(experiment.sequences):
-            own = None if job.reference is None else job.reference[number : number + 1]
-            begin, end = end, end + len(part.steps)
-            chosen = tuple(_of_sequence(p, number, slice(begin, end)) for p in job.parameters)
-            one = job._replace(experiment=part, reference=own, parameters=chosen)
-            runs.append(simulate_experiment(one, settings, deadline))
-            if not runs[-1].solved:
-                return runs[-1]
-        return Run.joined(runs)
     least = settings.min_substep if job.reference is None else max(settings.min_substep, 1.0 / DIVISIONS)
     path: PathRecord | None = [] if job.record else None
     try:
@@ -106,30 +93,15 @@ def simulate_experiment(job: Job, settings: SolverSettings, deadline: float = ma
     last = experiment.whole_steps
     commanded = [result.steps[j] for j in last]
     run = Run.of(commanded)
-    bays = bay_state(experiment, commanded) if job.states else None
     derivatives = RunDerivatives.of(result.sensitivities, last, refused) if job.parameters else None
-    trajectories = None if path is None else (Trajectory(path, experiment.ends, run.s),)
-    return replace(run, bays=bays, derivatives=derivatives, trajectories=trajectories)
-
-
-def _of_sequence(parameter: Parameter, number: int, steps: slice) -> Parameter:
-    """A parameter of several loading sequences, for one of them, which has these steps."""
-    from tdcr_fe.solve.sensitivities.differences import Tabulated
-    from tdcr_fe.solve.sensitivities.parameters import StepInput, StepInputs
-
-    if isinstance(parameter, StepInput):
-        return parameter
-    if isinstance(parameter, StepInputs):
-        loads = {name: change[steps] for name, change in parameter.loads.items()}
-        return replace(parameter, change=parameter.change[steps], loads=loads)
-    table = parameter.apply
-    assert isinstance(table, Tabulated)
-    own = {offset: e.sequences[number] for offset, e in table.experiments.items()}
-    return replace(parameter, apply=replace(table, experiments=own))
+    trajectories = None if path is None else Trajectory(path, experiment.ends, run.s)
+    return replace(
+        run, bays=bay_state(experiment, commanded), derivatives=derivatives, trajectories=trajectories
+    )
 
 
 def solve_commanded_steps(
-    experiment: Experiment, settings: SolverSettings, deadline: float, reference: Trajectories | None
+    experiment: Experiment, settings: SolverSettings, deadline: float, reference: Trajectory | None
 ) -> SequenceResult:
     """Simulate an experiment with all its results, those of a divided step at its end only.
 
@@ -168,25 +140,20 @@ def _differentiated(
     from tdcr_fe.solve.simulate import simulate
 
     experiment, refused = job.experiment, dict[str, str]()
-    meshed = None if job.reference is None else job.reference[0].on_mesh(mesh_nodes(experiment))
+    meshed = None if job.reference is None else job.reference.on_mesh(mesh_nodes(experiment))
     along = None if meshed is None else meshed.divided(experiment.ends)
     given = experiment.robot, experiment.model, experiment.steps, settings, partial(end_at, deadline)
     while True:
         chosen = [p for p in job.parameters if p.name not in refused]
         try:
             asked: dict[str, Any] = {"sensitivities": chosen, "curvatures": job.curvatures}
+            asked["restarts"] = experiment.first_steps
             return simulate(*given, reference_path=along, record_path=path, **asked), refused
         except NoDerivative as error:
             refused[error.parameter] = error.reason
 
 
-Given = TypeVar("Given")
-Asked = TypeVar("Asked")
-Answer = TypeVar("Answer")
-Found = TypeVar("Found")
-
-
-class ForwardModel:
+class ForwardModel(ExitStack):
     """Simulates experiments, several at a time. Use as a context manager; leaving it ends the workers.
 
     Parameters
@@ -203,21 +170,16 @@ class ForwardModel:
     """
 
     def __init__(self, processes: int = 1, settings: SolverSettings | None = None) -> None:
+        super().__init__()
         self.processes = max(1, processes)
         self.settings = settings or SolverSettings()
         self.runs = 0
-        self.lists = 0  # of tasks that were given to the processes
         self._pool: ProcessPoolExecutor | None = None
-        self._stack = ExitStack()
 
     def __enter__(self) -> ForwardModel:
         if self.processes > 1:
-            self._pool = self._stack.enter_context(worker_pool(self.processes))
+            self._pool = self.enter_context(worker_pool(self.processes))
         return self
-
-    def __exit__(self, *error: Any) -> None:
-        self._pool = None
-        self._stack.__exit__(*error)
 
     def run(self, jobs: Sequence[Job], path_tolerance: float, deadline: float = math.inf) -> list[Run]:
         """Simulate jobs, several at a time.
@@ -238,49 +200,46 @@ class ForwardModel:
         """
         settings = run_settings(self.settings, path_tolerance)
         self.runs += len(jobs)
-        return self.map(partial(simulate_experiment, settings=settings, deadline=deadline), jobs)
-
-    def map(self, function: Callable[[Given], Found], given: Sequence[Given]) -> list[Found]:
-        """Values of a function, in the processes where there are several values; in this one if the processes end."""
-        if self._pool is None or len(given) < 2:
-            return [function(x) for x in given]
-        self.lists += 1
-        timed = partial(_timed, function, self.lists, clock(), min(self.processes, len(given)))
-        try:
-            found = list(self._pool.map(timed, given))
-        except BrokenProcessPool:
-            self._pool = None
-            return [function(x) for x in given]
-        spend(sum(seconds for _, seconds in found))
-        if not all(value for value, _ in found):
-            raise OutOfTime
-        return [x for value, _ in found for x in value]
+        if self._pool is not None and len(jobs) > 1:
+            # each has the same share of the time that is left
+            timed = partial(_timed, settings=settings, left=(deadline - clock()) / len(jobs))
+            try:
+                found = list(self._pool.map(timed, jobs))
+            except BrokenProcessPool:
+                self._pool = None
+            else:
+                spend(sum(seconds for _, seconds in found))
+                runs = [run for run, _ in found if run is not None]
+                if len(runs) < len(jobs):
+                    raise OutOfTime
+                return runs
+        return [simulate_experiment(job, settings, deadline) for job in jobs]
 
 
-def _timed(
-    function: Callable[[Given], Found], task: int, reading: float, working: int, given: Given
-) -> tuple[tuple[Found, ...], float]:
-    """In a worker: the value of a function, none where the time is over; and the processor time that it took [s]."""
-    keep_time(task, reading, working)
-    begun = time.process_time()
+def _timed(job: Job, settings: SolverSettings, left: float) -> tuple[Run | None, float]:
+    """In a worker: a run, none where it takes longer than the time that is left; and the processor time it took [s]."""
+    begun = clock()
     try:
-        found = (function(given),)
+        run = simulate_experiment(job, settings, begun + left)
     except OutOfTime:
-        return (), time.process_time() - begun
-    return found, time.process_time() - begun
+        run = None
+    return run, clock() - begun
 
 
-def advance(
-    work: Sequence[Generator[Asked, Answer, Found]], answers: Callable[[list[Asked]], Sequence[Answer]]
-) -> list[Found]:
-    """Advance several generators to their ends together; what all of them ask for at a time is answered at a time.
+Found = TypeVar("Found")
+#: Work under way: yields jobs, is sent their runs, and returns what it has found.
+Work = Generator[Sequence[Job], list[Run], Found]
+
+
+def advance(work: Sequence[Work[Found]], simulate: Callable[[list[Job]], list[Run]]) -> list[Found]:
+    """Advance several pieces of work to their ends together; what all of them ask for at a time is simulated at a time.
 
     Where the time is over, each is told so by `OutOfTime`.
     """
     found: dict[int, Found] = {}
-    asked: dict[int, Asked] = {}
+    asked: dict[int, Sequence[Job]] = {}
 
-    def go_on(number: int, step: Callable[[], Asked]) -> None:
+    def go_on(number: int, step: Callable[[], Sequence[Job]]) -> None:
         try:
             asked[number] = step()
         except StopIteration as end:
@@ -289,14 +248,14 @@ def advance(
     for number, one in enumerate(work):
         go_on(number, partial(next, one))
     while asked:
-        numbers, questions = list(asked), list(asked.values())
+        now = dict(asked)
         asked.clear()
         try:
-            given = answers(questions)
+            runs = iter(simulate([job for jobs in now.values() for job in jobs]))
         except OutOfTime as end:
-            for number in numbers:
+            for number in now:
                 go_on(number, partial(work[number].throw, end))
             continue
-        for number, answer in zip(numbers, given, strict=True):
-            go_on(number, partial(work[number].send, answer))
+        for number, jobs in now.items():
+            go_on(number, partial(work[number].send, list(islice(runs, len(jobs)))))
     return [found[number] for number in range(len(work))]

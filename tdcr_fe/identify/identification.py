@@ -23,8 +23,8 @@ from tdcr_fe.identify.rows import RowChoice, choose_held_out, choose_rows, held_
 from tdcr_fe.identify.run import Run
 from tdcr_fe.identify.scatter import errors_of_inputs, with_input_sigma
 from tdcr_fe.identify.search import search_causes, with_scatter
-from tdcr_fe.identify.search_state import Progress, Search, SearchState, as_good, cut_short, in_time
-from tdcr_fe.identify.settings import IdentifySettings, OutOfTime, Part, Schedule, clock
+from tdcr_fe.identify.search_state import Progress, Search, SearchState, as_good, in_time
+from tdcr_fe.identify.settings import FINAL_FIT, WITH_FRICTION, IdentifySettings, Part, clock
 from tdcr_fe.identify.verdict import conclude
 from tdcr_fe.io.measured import MeasuredData, first_checks, with_columns, without_unread_steps
 from tdcr_fe.io.user_effects import check_on
@@ -89,16 +89,14 @@ def _identified(data: MeasuredData, settings: IdentifySettings, search: Search) 
         with ForwardModel(settings.processes, data.settings) as forward:
             prepared = prepare(without_unread_steps(data), settings, forward)
             state = search.keep(declared_state(prepared))
-            some_rows, frictionless = prepared.rows is not None, prepared.frictional is not None
-            schedule = Schedule.of(begun, settings.time_limit, some_rows, frictionless)
-            state = _search(search, state, prepared, schedule)
+            state = _search(search, state, prepared, begun)
             search.report("conclusions", 0.97)
     except KeyboardInterrupt:  # the workers have ended
         if not search.kept:
             raise
         state = search.kept[0].with_history("interrupted; what was found until then is reported")
         state = state.logged(interrupted=True)
-    return conclude(replace(search, deadline=begun + settings.time_limit), state, started)
+    return conclude(state, started, begun + settings.time_limit)
 
 
 class Prepared(NamedTuple):
@@ -112,34 +110,35 @@ class Prepared(NamedTuple):
     frictional: FitProblem | None  # where the search runs without friction: what its end runs with
 
 
-def _search(search: Search, state: SearchState, prepared: Prepared, schedule: Schedule) -> SearchState:
+def _search(search: Search, state: SearchState, prepared: Prepared, begun: float) -> SearchState:
     """Run the search to its end, with a law where effects do not suffice.
 
     A search on some of the load steps ends with a fit to all of them.
     """
-    latest = schedule.end + schedule.grace
     if unusable_data(state.problem, state.declared):
         return state
-    state = in_time(search, state.ending_at(latest), _with_fault, Part.FAULTS)
+    limit = search.settings.time_limit
+    end = begun + limit
+    friction = end - FINAL_FIT * limit * (prepared.rows is not None)
+    searched = friction - WITH_FRICTION * limit * (prepared.frictional is not None)
+    state = in_time(search, state.ending_at(end), _with_fault, Part.FAULTS)
     if state.data_fault:
         return state
-    state = state.ending_at(schedule.search + schedule.grace)
-    listed = replace(search, deadline=schedule.search)
-    state = in_time(listed, state, search_causes, Part.FURTHER_EFFECTS)
-    state = cut_short(listed, state, Part.FURTHER_EFFECTS)
-    whole = replace(search, deadline=schedule.end)
-    end = latest if prepared.rows is None else schedule.friction + schedule.grace
-    state = in_time(whole, state.ending_at(end), _with_next, Part.NEXT_EXPERIMENT)
+    state = in_time(search, state.ending_at(searched), search_causes, Part.FURTHER_EFFECTS)
+    state = in_time(search, state.ending_at(friction), _with_next, Part.NEXT_EXPERIMENT)
     if prepared.rows is not None:
         if prepared.frictional is not None:
-            frictional = replace(prepared.frictional, deadline=end)
-            timed = replace(search, deadline=schedule.friction)
-            state = in_time(timed, state, partial(with_friction, frictional), Part.FRICTION)
-        state = search.keep(fit_to_all_rows(whole, state, replace(prepared.problem, deadline=latest)))
-    if not whole.explained(state):  # parameters of a model that leaves more than noise have no profiles
-        return in_time(whole, state, _scattered, Part.SCATTER)
-    if whole.out_of_time:
-        return state.without_trying(Part.PROFILES) if state.best.free else state
+            frictional = replace(prepared.frictional, deadline=friction)
+            state = in_time(search, state, partial(with_friction, frictional), Part.FRICTION)
+        whole = replace(prepared.problem, deadline=end)
+        state = in_time(search, state, partial(fit_to_all_rows, whole), Part.ALL_STEPS)
+    if not search.explained(state):  # parameters of a model that leaves more than noise have no profiles
+        return in_time(search, state, _scattered, Part.SCATTER)
+    return in_time(search, state, _profiled, Part.PROFILES)
+
+
+def _profiled(search: Search, state: SearchState) -> SearchState:
+    """With the profiles of all parameters."""
     return replace(state, profiles=tuple(fitting.profiles(state.problem, state.best)))
 
 
@@ -209,7 +208,7 @@ def declared_state(prepared: Prepared) -> SearchState:
 # ---------------------------------------------------------------------------------------------- the end of long data
 
 
-def fit_to_all_rows(search: Search, state: SearchState, problem: FitProblem) -> SearchState:
+def fit_to_all_rows(problem: FitProblem, search: Search, state: SearchState) -> SearchState:
     """The best model of a search on chosen load steps, fitted to all of them.
 
     The mesh is that of the search. First the best model is evaluated on all load steps with the parameters that the
@@ -218,35 +217,29 @@ def fit_to_all_rows(search: Search, state: SearchState, problem: FitProblem) -> 
 
     Parameters
     ----------
-    search, state
-        The search, with the deadline of this part, and its last state.
     problem
         The problem on all load steps.
+    search, state
+        The search and its last state.
 
     Returns
     -------
     SearchState
-        The state on all load steps; that of the search where a model is not solved on all of them, or not in time.
+        The state on all load steps; that of the search where a model is not solved on all of them.
     """
     search.report("the final fit to all load steps", 0.8)
     if state.problem.experiment.model.friction == "none":
         problem = without_friction(problem)
     problem = _on_mesh_of(state.problem, problem)
-    begun = clock()
-    try:
-        problem, found = _evaluated(problem, state.best)
-    except OutOfTime:
-        return state.without_trying(Part.ALL_STEPS)
+    problem, found = _evaluated(problem, state.best)
     unsolved = [f for f in found if not f.solved]
     if unsolved:
         return state.with_history(f"no fit to all load steps: {unsolved[0].title}: {unsolved[0].run.message}")
-    duration = clock() - begun
     declared, best = found[0], found[-1]
     if best.effects:
-        # An iteration is followed by a run on the path of the new parameters.
-        race = fitting.Race(deadline=search.deadline - 2.0 * duration)
-        (best,) = fitting.run_fits(problem, [fitting.finish(problem, best, race)])
-    return _with_other_models(search, state, state.begun_anew(problem, declared, best))
+        (best,) = fitting.run_fits(problem, [fitting.finish(problem, best, fitting.Race())])
+    anew = state.begun_anew(problem, declared, best)
+    return in_time(search, anew, partial(_with_other_models, state), Part.OTHER_MODELS)
 
 
 def _on_mesh_of(searched: FitProblem, problem: FitProblem) -> FitProblem:
@@ -266,7 +259,7 @@ def _evaluated(problem: FitProblem, best: Fit) -> tuple[FitProblem, list[Fit]]:
     return problem, [problem.with_residual(f, f.residual) for f in found]
 
 
-def _with_other_models(search: Search, searched: SearchState, state: SearchState) -> SearchState:
+def _with_other_models(searched: SearchState, search: Search, state: SearchState) -> SearchState:
     """With other models on all load steps, where the time suffices.
 
     Those on the way to the best one, and, where that leaves noise, those that explain as much: with the best one alone,
@@ -281,7 +274,7 @@ def _with_other_models(search: Search, searched: SearchState, state: SearchState
     state
         The state on all load steps.
     """
-    problem, effects = replace(state.problem, deadline=search.deadline), state.best.effects
+    problem, effects = state.problem, state.best.effects
     fits = []
     for part in (effects[:i] for i in range(1, len(effects))):
         known = searched.fits.get(frozenset(e.name for e in part), searched.best)
@@ -289,10 +282,7 @@ def _with_other_models(search: Search, searched: SearchState, state: SearchState
     for other in as_good(searched) if search.explained(state) else ():
         start = _within(problem, other.effects, other.values)
         fits.append(fitting.begin(problem, other.effects, start, state.best))
-    try:
-        found = [fitting.linear_optimum(problem, fit) for fit in fitting.run_fits(problem, fits)]
-    except OutOfTime:
-        return state.without_trying(Part.OTHER_MODELS)
+    found = [fitting.linear_optimum(problem, fit) for fit in fitting.run_fits(problem, fits)]
     return replace(state, fits={**{frozenset(fit.names): fit for fit in found}, **state.fits})
 
 
@@ -342,7 +332,7 @@ def with_friction(problem: FitProblem, search: Search, state: SearchState) -> Se
     search.report("the best model with friction", 0.8)
     problem = replace(_on_mesh_of(state.problem, problem), robust_threshold=state.problem.robust_threshold)
     without = evaluate(without_friction(problem), state.best.effects, state.best.values)
-    best = fitting.fit(problem, state.best.effects, state.best.values, fitting.Race(deadline=search.deadline))
+    best = fitting.fit(problem, state.best.effects, state.best.values)
     costs = [(f.cost + f.held_cost) / problem.count for f in (best, without)]
     both = f"the misfit per reading is {costs[0]:.3g}, without {costs[1]:.3g}"
     if not costs[0] < costs[1]:

@@ -18,14 +18,14 @@ import numpy as np
 
 from tdcr_fe.elements import Array
 from tdcr_fe.identify.causes import BesideDescription
-from tdcr_fe.identify.derivatives import Linear, Request, linearize_each
+from tdcr_fe.identify.derivatives import Linear, Request, linearized
 from tdcr_fe.identify.fitting import columns_of, covariance
+from tdcr_fe.identify.forward import advance
 from tdcr_fe.identify.noise import series
 from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.identify.result import NextExperiment
 from tdcr_fe.identify.rows import tip_forces
 from tdcr_fe.identify.search_state import Search, SearchState, as_good
-from tdcr_fe.identify.settings import OutOfTime
 from tdcr_fe.model.loading import Load, LoadStep, resolve
 
 #: Rivals, and tip forces, at most; and candidates.
@@ -55,8 +55,6 @@ def choose_next(search: Search, state: SearchState) -> NextExperiment | None:
     problem, best = state.problem, state.best
     if not best.effects or not best.solved or not _described(best):
         return None
-    if search.out_of_time:
-        raise OutOfTime
     search.report("the next experiment", 0.96)
     models = [_Model(f, covariance(problem, f)) for f in (best, *leading_rivals(state))]
     judge = _parting if len(models) > 1 else _shrinking
@@ -145,12 +143,12 @@ _Judged = tuple[int, NextExperiment]
 
 def _solved(planned: Sequence[FitProblem], models: Sequence[_Model]) -> Iterator[tuple[int, list[Linear]]]:
     """Number of every sequence that all models solve, and what each predicts with derivatives by its free numbers."""
-    pairs = []
+    work = []
     for p, model in itertools.product(planned, models):
         fit, half = model.fit, 0.5 * np.sqrt(np.maximum(np.diag(model.spread), 1e-300))
         columns = columns_of(fit.effects, fit.values, fit.free, half)
-        pairs.append((p, Request(fit.effects, fit.values, columns, record=False)))
-    found = linearize_each(pairs)
+        work.append(linearized(p, Request(fit.effects, fit.values, columns, record=False)))
+    found = advance(work, planned[0].run)
     for i in range(len(planned)):
         own = found[i * len(models) : (i + 1) * len(models)]
         if all(linear.run.solved for linear in own):

@@ -347,7 +347,7 @@ def refine(problem: FitProblem, effects: Sequence[Effect], values: Point, run: R
         return replace(problem, mesh_error=mesh_error), run
     more = min(FINEST, max(n + 1, int(np.ceil(n * (mesh_error / MESH) ** (1.0 / ORDER)))))
     experiment = with_elements(problem.experiment, more)
-    (again,) = problem.run([Job(with_model(more), run.trajectories, True, states=run.acted is not None)])
+    (again,) = problem.run([Job(with_model(more), run.trajectories, True)])
     problem = replace(problem, mesh_error=mesh_error * (n / more) ** ORDER, experiment=experiment)
     return problem, replace(again, acted=run.acted)
 

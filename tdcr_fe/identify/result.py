@@ -14,7 +14,7 @@ from tdcr_fe.effects import EFFECTS, Effect, Experiment
 from tdcr_fe.effects.base import Kind
 from tdcr_fe.elements import Array, Flags
 from tdcr_fe.identify.rows import RowChoice
-from tdcr_fe.identify.run import Trajectories
+from tdcr_fe.identify.run import Trajectory
 from tdcr_fe.io.files import plain
 from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.result_files import versions
@@ -392,7 +392,7 @@ class Simulated:
     corrected: Experiment
     solver: SolverSettings
     catalogue: tuple[Effect, ...] = EFFECTS  # in the order in which several are applied
-    path: Trajectories | None = None  # along which the run costs little
+    path: Trajectory | None = None  # along which the run costs little
     mesh_error: float = 0.0  # estimated error of the mesh left in the predictions, rms over sigma [1]
 
 

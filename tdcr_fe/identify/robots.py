@@ -17,11 +17,11 @@ import numpy as np
 from tdcr_fe.elements import Array
 from tdcr_fe.identify import fitting
 from tdcr_fe.identify.criteria import bic
+from tdcr_fe.identify.dictionary import dictionary
 from tdcr_fe.identify.forward import ForwardModel
 from tdcr_fe.identify.identification import declared_state, identify, prepare
 from tdcr_fe.identify.problem import Point
 from tdcr_fe.identify.result import HALF_WIDTH, Estimate, IdentificationResult, Verdict
-from tdcr_fe.identify.search import all_causes
 from tdcr_fe.identify.search_state import Progress
 from tdcr_fe.identify.settings import IdentifySettings
 from tdcr_fe.identify.verdict import estimates
@@ -167,7 +167,7 @@ def _fitted(
     with ForwardModel(settings.processes, data.settings) as forward:
         state = declared_state(prepare(without_unread_steps(data), settings, forward))
         problem = state.problem
-        known = {e.name: e for e in all_causes(state)}
+        known = {e.name: e for e in dictionary(problem, state.declared.run)}
         for names, point in models.items():
             found[names] = np.inf, {}
             if all(name in known for name in names):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.elements import Array, Flags, Index
-from tdcr_fe.identify.bay_state import Action, BayState, Response
+from tdcr_fe.identify.bay_state import Acted, BayState
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.channels import Channel, Location, by_differences, channel
 from tdcr_fe.model.observed_step import Observables, ObservedChange, ObservedStep
@@ -78,10 +78,6 @@ def _spans(ends: Ends) -> list[tuple[float, float]]:
     return [(max(begin, k), end) for begin, end, (k, _) in zip((0.0, *stops[:-1]), stops, ends, strict=True)]
 
 
-#: Those of a run: one for each loading sequence.
-Trajectories = tuple[Trajectory, ...]
-
-
 def mesh_nodes(experiment: Experiment) -> Array:
     """Arc lengths of the nodes of an experiment [m], shape (n,)."""
     loads = {load.at for step in experiment.steps for load in step.loads.values()}
@@ -112,25 +108,13 @@ class RunDerivatives(Observables):
         def stacked(values: list[Array]) -> Array:
             return np.stack(values, axis=-1)[last] if values else np.zeros((len(last), 0))
 
-        def ends(by: Sensitivity, k: int) -> Array:
-            """Tensions of the first or the last segments, shape (n_steps, n_tendons)."""
-            return np.array([t[:, k] for t in by.tensions]).T.reshape(by.displacements.shape)
+        def distal(by: Sensitivity) -> Array:
+            return np.array([t[:, -1] for t in by.tensions]).T.reshape(by.displacements.shape)
 
-        moved = (stacked([getattr(x, name) for x in every]) for name in _BY_STEP[:4])
-        tensions = (stacked([ends(x, k) for x in every]) for k in (0, -1))
-        tables: dict[str, Any] = dict(zip(_BY_STEP, (*moved, *tensions), strict=True))
+        tables = {name: stacked([getattr(x, name) for x in every]) for name in _BY_STEP[:-1]}
+        tables["distal_tensions"] = stacked([distal(x) for x in every])
         lengths = np.stack([x.arc_lengths for x in every], axis=1) if every else np.zeros((0, 0))
         return cls(**tables, s=lengths, names=tuple(found), refused=refused)
-
-    @classmethod
-    def joined(cls, parts: Sequence[RunDerivatives]) -> RunDerivatives:
-        """Those of several loading sequences as one, by the parameters by which all are differentiated."""
-        refused = {name: why for part in parts for name, why in part.refused.items()}
-        names = tuple(n for n in parts[0].names if all(n in part.names for part in parts))
-
-        same = [part.part([part.names.index(n) for n in names]) for part in parts]
-        tables: dict[str, Any] = {n: np.concatenate([getattr(x, n) for x in same]) for n in _BY_STEP}
-        return cls(**tables, s=same[0].s, names=names, refused=refused)
 
     def part(self, which: Sequence[int]) -> RunDerivatives:
         """By some of the parameters."""
@@ -144,25 +128,18 @@ class RunDerivatives(Observables):
         return replace(self, **tables, s=np.zeros((len(self.s), count)), names=("",) * count)
 
 
-class Acted(NamedTuple):
-    """The action that a run carries, and the response of readings and bays to actions there."""
-
-    action: Action
-    response: Response
-
-
 @dataclass(frozen=True, eq=False)
 class Run(Observables):
-    """Results of one simulated loading sequence, or of several, that predictions need; without steps if not solved.
+    """Results of a simulation that predictions need; without steps if not solved.
 
     Arc lengths are alike in all steps: shape (n,).
     """
 
     message: str = ""  # why it is not solved
     # reference path for neighbouring runs; None where none was recorded
-    trajectories: Trajectories | None = None
+    trajectories: Trajectory | None = None
     derivatives: RunDerivatives | None = None  # by the parameters of the job
-    bays: BayState | None = None  # where it was asked for
+    bays: BayState | None = None  # none where it is not solved
     acted: Acted | None = None  # action that it carries, with the response there
 
     @classmethod
@@ -177,21 +154,6 @@ class Run(Observables):
         """The run of an experiment that is not solved to its end."""
         nothing, positions, rotations = np.zeros((0, 0)), np.zeros((0, 0, 3)), np.zeros((0, 0, 3, 3))
         return cls(np.zeros(0), positions, rotations, nothing, nothing, nothing, message)
-
-    @classmethod
-    def joined(cls, runs: Sequence[Run]) -> Run:
-        """Several loading sequences, one after another, all of them solved."""
-        trajectories = [r.trajectories for r in runs if r.trajectories is not None]
-        derivatives = [r.derivatives for r in runs if r.derivatives is not None]
-        bays = [r.bays for r in runs if r.bays is not None]
-        tables: dict[str, Any] = {n: np.concatenate([getattr(r, n) for r in runs]) for n in _BY_STEP}
-        return cls(
-            s=runs[0].s,
-            **tables,
-            trajectories=sum(trajectories, ()) or None,
-            derivatives=RunDerivatives.joined(derivatives) if derivatives else None,
-            bays=BayState.joined(bays) if bays else None,
-        )
 
     @property
     def solved(self) -> bool:

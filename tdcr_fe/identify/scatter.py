@@ -30,8 +30,7 @@ from tdcr_fe.identify.forward import Job
 from tdcr_fe.identify.noise import REPORTED, chi_square_z_score
 from tdcr_fe.identify.problem import NOISE_REACHES, Fit, FitProblem, Point
 from tdcr_fe.identify.result import Scatter
-from tdcr_fe.identify.run import Run, Trajectories
-from tdcr_fe.model.loading import resolve
+from tdcr_fe.identify.run import Run, Trajectory
 
 #: Errors of inputs must let the rms residual over sigma fall at least to this share, and be at most so large over the
 #: input; beyond, something else is wrong [1].
@@ -354,7 +353,7 @@ def _log_likelihood(blocks: Sequence[_Block], ratio: float) -> float:
 
 def _inputs(experiment: Experiment) -> tuple[Array, Flags]:
     """Inputs of all commanded steps, shape (K, n_tendons), and which tendons are driven by displacement."""
-    actions = resolve(experiment.robot, experiment.steps)
+    actions = experiment.actions
     chosen = [actions[j] for j in experiment.whole_steps]
     return np.array([a.values for a in chosen]), np.any([a.by_displacement for a in chosen], axis=0)
 
@@ -379,7 +378,7 @@ def with_input_sigma(
 
 
 def _by_inputs(
-    problem: FitProblem, experiment: Experiment, reference: Trajectories | None = None
+    problem: FitProblem, experiment: Experiment, reference: Trajectory | None = None
 ) -> tuple[Run, Array]:
     """A run, and derivatives of the readings over sigma by the inputs of their own step, shape (n, n_tendons)."""
     from tdcr_fe.solve.sensitivities.parameters import StepInput

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
@@ -124,10 +125,11 @@ def _scores(
     problem: FitProblem, fit: Fit, sets: Sequence[_ProbeSet], signatures: Sequence[Array]
 ) -> dict[str, Score]:
     """Scores by names of candidates; ``signatures``: of the probe sets."""
-    space, by_effect = _Space.of(problem, fit), dict[str, list[tuple[_ProbeSet, Array]]]()
-    for one, signature in zip(sets, signatures, strict=True):
-        by_effect.setdefault(one.effect.name, []).append((one, signature))
-    return {name: _score(space, own) for name, own in by_effect.items()}
+    space, pairs = _Space.of(problem, fit), zip(sets, signatures, strict=True)
+    by_effect = groupby(
+        pairs, key=lambda pair: pair[0].effect.name
+    )  # the sets of an effect follow each other
+    return {name: _score(space, list(own)) for name, own in by_effect}
 
 
 def _possible(problem: FitProblem, fit: Fit, e: Effect, points: Sequence[dict[str, float]]) -> bool:
@@ -329,7 +331,7 @@ def _towards_point(space: _Space, cause: PointForce, run: Run, follows: bool = T
     """
     assert run.bays is not None and run.acted is not None
     own = slice(COMPONENTS * cause.bay + FORCE.start, COMPONENTS * (cause.bay + 1))
-    response, by_force = run.acted.response.state[:, own, own], run.acted.response.readings[:, None, own]
+    response, by_force = run.acted.state[:, own, own], run.acted.readings[:, None, own]
     response = response if follows else np.zeros_like(response)
     names, steps = [p.name for p in cause.parameters], space.problem.readings.step
     before, none = run.bays.moved[:, cause.bay], np.zeros((len(response), 3, 1))

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence, Set
+from collections.abc import Callable, Sequence, Set
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -23,12 +23,11 @@ from typing import NamedTuple, TypeGuard
 import numpy as np
 
 from tdcr_fe.effects import Effect, EffectAtPlace
-from tdcr_fe.elements import Array
 from tdcr_fe.identify import criteria, fitting
 from tdcr_fe.identify.causes import Cause, is_named
 from tdcr_fe.identify.dictionary import dictionary
-from tdcr_fe.identify.forward import Job
-from tdcr_fe.identify.problem import Fit, FitProblem, Point
+from tdcr_fe.identify.forward import Work, advance
+from tdcr_fe.identify.problem import Fit, FitProblem
 from tdcr_fe.identify.result import Candidate
 from tdcr_fe.identify.scatter import find_scatter
 from tdcr_fe.identify.screening import FIRST_ORDER, Score, Start, apart, rescored, screen
@@ -54,14 +53,6 @@ STRONG = 10
 STRENGTHS = (1.0, 8.0, 64.0)
 
 
-def all_causes(state: SearchState) -> tuple[Effect, ...]:
-    """The dictionary beside the declared model."""
-    problem = state.problem
-    (run,) = problem.run([Job(problem.experiment, state.declared.run.trajectories, states=True)])
-    assert run.bays is not None
-    return dictionary(problem, run.bays)
-
-
 def search_causes(search: Search, state: SearchState) -> SearchState:
     """The whole search.
 
@@ -69,7 +60,7 @@ def search_causes(search: Search, state: SearchState) -> SearchState:
     model, and exchanges only at the end.
     """
     search.report("the dictionary of causes", 0.03)
-    every = all_causes(state)
+    every = dictionary(state.problem, state.declared.run)
     if state.log.rows is not None:
         state = replace(state, dictionary=tuple(filter(is_named, every)))
         state = in_time(search, state, grow, Part.FURTHER_EFFECTS)
@@ -210,7 +201,7 @@ def _roughly_fitted(problem: FitProblem, parent: Fit, scores: Sequence[Score]) -
 
     def fitted(x: Score) -> fitting.Fitting:
         now = yield from fitting.begin(rough, (*parent.effects, x.effect), x.start.point)
-        return (yield from _fitted(rough, now, x.start.predicted, race))
+        return (yield from fitting.fitted(rough, now, race, x.start.predicted))
 
     for x in best.values():
         (fit,) = fitting.run_fits(rough, [fitted(x)])
@@ -249,7 +240,7 @@ def fit_proposals(
     problem, half = state.problem, (search.settings.candidates + 1) // 2
     waiting = sorted(pool, key=lambda x: x.criterion)
     lowest = {x: min(f.cost for f in state.fits.values() if not x or f.named) for x in (True, False)}
-    races = {x: fitting.Race(fitting.limit_beside(cost), search.deadline) for x, cost in lowest.items()}
+    races = {x: fitting.Race(fitting.limit_beside(cost)) for x, cost in lowest.items()}
     noise, ready = fitting.limit_beside(float(np.count_nonzero(problem.fitted))), list[_Evaluated]()
     proposed = {x.names for x in pool}
 
@@ -261,6 +252,7 @@ def fit_proposals(
         try:
             ready += _evaluated(state, _to_evaluate(search, state, waiting, named, ahead))
         except OutOfTime:
+            state = state.without_trying(Part.FURTHER_EFFECTS)
             break
         now = [f.may_leave(noise) if named is None else f.proposal.named is named for f in ready]
         queue = sorted(itertools.compress(ready, now), key=lambda f: f.criterion)
@@ -278,7 +270,7 @@ def fit_proposals(
                         continue
                 if left > 0 or (ahead is None and not _accepted(state, fits())):
                     left -= 1
-                    together.append(_fitted(problem, one.fit, predicted, race))
+                    together.append(fitting.fitted(problem, one.fit, race, predicted))
             for new in fitting.run_fits(problem, together):
                 state = state.with_fit(new)
                 better = ahead is None or criteria.rank(problem, new) < criteria.rank(problem, ahead)
@@ -308,8 +300,7 @@ def _to_evaluate(
             continue
         same = [y.laws for y in chosen.values()]
         enough = same.count(x.laws) >= (most + 1) // 2 or (x.laws not in same and len(set(same)) >= most)
-        late = search.out_of_time and state.best.effects
-        if enough or late or x.names in state.fits or x.names in chosen:
+        if enough or x.names in state.fits or x.names in chosen:
             continue
         if ahead is None or could_match(problem, ahead, x, promised.get(frozenset(ahead.names))):
             chosen[x.names] = x
@@ -338,7 +329,7 @@ def _evaluated(state: SearchState, proposals: Sequence[Proposal]) -> list[_Evalu
     first: dict[frozenset[str], Proposal] = {}
     for x in proposals:
         first.setdefault(x.laws, x)
-    found = list(_each_evaluated(state.problem, list(first.values())))
+    found = _each_evaluated(state.problem, list(first.values()))
     costs = [(e.proposal.laws, e.cost) for e in found]
     costs += [(_laws(f.effects), f.cost) for f in state.fits.values()]
     limit = fitting.limit_beside(min(cost for _, cost in costs))
@@ -347,12 +338,10 @@ def _evaluated(state: SearchState, proposals: Sequence[Proposal]) -> list[_Evalu
     return [*found, *_each_evaluated(state.problem, others)]
 
 
-def _each_evaluated(problem: FitProblem, proposals: Sequence[Proposal]) -> Iterator[_Evaluated]:
+def _each_evaluated(problem: FitProblem, proposals: Sequence[Proposal]) -> list[_Evaluated]:
     """Models at their predicted values, where these can be solved."""
-    for x, now in zip(proposals, _begun(problem, proposals), strict=True):
-        if now.solved:
-            cost = fitting.reachable_cost(problem, now)
-            yield _Evaluated(x, now, cost, cost + criteria.price_of(problem, now))
+    found = advance([_begun(problem, x) for x in proposals], problem.run)
+    return [x for x in found if x.fit.solved]
 
 
 def _laws(effects: Sequence[Effect]) -> frozenset[str]:
@@ -394,33 +383,19 @@ def could_match(problem: FitProblem, ahead: Fit, proposal: Proposal, promised: f
     return ahead.cost + max(0.0, left - FIRST_ORDER * whole) + own < limit
 
 
-def _begun(problem: FitProblem, found: Sequence[Proposal]) -> list[Fit]:
-    """Models with candidates at their predicted values; at half of them where these are worse than the model without.
+def _begun(problem: FitProblem, proposal: Proposal) -> Work[_Evaluated]:
+    """A model with a candidate at its predicted values; at half of them where these are worse than the model without.
 
     First order overshoots where an effect is not linear. From half the value a superelastic backbone was found in the
     first round, in 55 simulations; from the whole one only after gravity, in 88.
     """
-    starts = [x.score.start for x in found]
-    fits = _at(problem, found, [start.point for start in starts])
-    half = {k: p for k, x in enumerate(found) if (p := starts[k].half) and not fits[k].cost < x.parent.cost}
-    for k, other in zip(half, _at(problem, [found[k] for k in half], list(half.values())), strict=True):
-        fits[k] = min(fits[k], other, key=lambda f: f.cost)
-    return fits
-
-
-def _at(problem: FitProblem, found: Sequence[Proposal], points: Sequence[Point]) -> list[Fit]:
-    """Models with candidates at these values."""
-    each = zip(found, points, strict=True)
-    return fitting.run_fits(problem, [fitting.begin(problem, x.effects, p, x.parent) for x, p in each])
-
-
-def _fitted(problem: FitProblem, now: Fit, predicted: Array, race: fitting.Race) -> fitting.Fitting:
-    """A model with candidates fitted, to the end where it comes near the best; `predicted` as in `fitting.descend`."""
-    now = yield from fitting.descend(problem, now, race, predicted)
-    race.reached(now.cost)
-    if now.cost <= race.limit:
-        now = yield from fitting.finish(problem, replace(now, pruned=False), race)
-    return now
+    start, effects, parent = proposal.score.start, proposal.effects, proposal.parent
+    now = yield from fitting.begin(problem, effects, start.point, parent)
+    if start.half and not now.cost < parent.cost:
+        half = yield from fitting.begin(problem, effects, start.half, parent)
+        now = min(now, half, key=lambda f: f.cost)
+    cost = fitting.reachable_cost(problem, now)
+    return _Evaluated(proposal, now, cost, cost + criteria.price_of(problem, now))
 
 
 def refitted(state: SearchState, parts: Sequence[tuple[Effect, ...]]) -> tuple[SearchState, list[Fit]]:
@@ -543,9 +518,6 @@ def grow(search: Search, state: SearchState) -> SearchState:
             if state.best is not before:
                 continue
         if not tries:
-            break
-        if search.out_of_time and state.best.effects:
-            state = state.without_trying(Part.FURTHER_EFFECTS)
             break
         pool: list[Proposal] = []
         for propose, parent in tries:
@@ -789,12 +761,8 @@ def exchange(search: Search, state: SearchState, progress: float = 0.75) -> Sear
     state, fits = replace(state, extended=state.extended | {done}), list[Fit]()
     every = [gone for n in (1, 2) for gone in itertools.combinations(best.effects, n)]
     left = [tuple(e for e in best.effects if e not in gone) for gone in every]
-    if every and search.out_of_time:
-        return state.without_trying(Part.EXCHANGES)
     state, bases = refitted(state, left[: len(best.effects)])
     for gone, rest in zip(every, left, strict=True):
-        if search.out_of_time:
-            return state.without_trying(Part.EXCHANGES)
         search.report(f"other causes in place of {' + '.join(e.name for e in gone)}", progress)
         if len(gone) == 1:
             base = bases.pop(0)

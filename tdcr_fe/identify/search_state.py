@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -17,7 +16,7 @@ from tdcr_fe.identify.result import NextExperiment, Profile, Scatter, SearchLog
 from tdcr_fe.identify.rows import RowChoice
 from tdcr_fe.identify.scatter import with_input_sigma
 from tdcr_fe.identify.screening import Score
-from tdcr_fe.identify.settings import MAY_EXPLAIN, IdentifySettings, OutOfTime, clock
+from tdcr_fe.identify.settings import IdentifySettings, OutOfTime
 
 Names = frozenset[str]
 
@@ -31,9 +30,6 @@ class Search:
 
     settings: IdentifySettings
     report: Progress
-    # reading of `tdcr_fe.identify.settings.clock` after which nothing further of the search begins, and fits
-    # end where they are [s]
-    deadline: float = math.inf
     # the last complete state, which remains where the search is interrupted or its time is over; none before the
     # declared model is solved
     kept: list[SearchState] = field(default_factory=list)
@@ -42,11 +38,6 @@ class Search:
         """A complete state, which remains until the next one."""
         self.kept[:] = [state]
         return state
-
-    @property
-    def out_of_time(self) -> bool:
-        """Whether the time of the search is over."""
-        return clock() > self.deadline
 
     def explained(self, state: SearchState) -> bool:
         """Whether the best model leaves nothing but noise."""
@@ -126,16 +117,6 @@ def in_time(search: Search, state: SearchState, stage: Stage, what: str) -> Sear
         return search.keep(stage(search, state))
     except OutOfTime:
         return search.keep(search.kept[0].without_trying(what))
-
-
-def cut_short(search: Search, state: SearchState, part: str) -> SearchState:
-    """The state with a part noted as not tried.
-
-    That is done if time ran out, more than noise is left, and no part is noted yet that could explain it.
-    """
-    if not search.out_of_time or search.explained(state):
-        return state
-    return state.without_trying(part) if MAY_EXPLAIN.isdisjoint(state.log.not_tried) else state
 
 
 def parent_of(state: SearchState, fit: Fit) -> Fit:

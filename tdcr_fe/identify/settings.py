@@ -1,7 +1,7 @@
 """Settings of an identification, and its time limit: when its parts end, and the simulations that end with it.
 
-Every part has two deadlines. After the first nothing further begins, and fits end where they are. At the second
-simulations end under way: they raise `OutOfTime`, and what was complete before remains.
+Every part has a deadline. There simulations end under way: they raise `OutOfTime`, fits end where they are, and
+what was complete before remains.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, NamedTuple
+from typing import Any
 
 from tdcr_fe.effects import Effect
 
@@ -77,44 +77,8 @@ class OutOfTime(Exception):
     """The time limit has passed within a simulation."""
 
 
-class Schedule(NamedTuple):
-    """First deadlines of the parts of an identification, as readings of `clock` [s]."""
-
-    search: float  # of the search for effects
-    friction: float  # of the best model with friction, where the search runs without
-    end: float  # of everything else but the tables of the corrected robot
-    grace: float  # from a first deadline to the second
-
-    @classmethod
-    def of(cls, begun: float, seconds: float, some_rows: bool, frictionless: bool) -> Schedule:
-        """Schedule of an identification.
-
-        Parameters
-        ----------
-        begun
-            Reading of `clock` at its begin [s].
-        seconds
-            The time limit.
-        some_rows, frictionless
-            Whether the search uses some of the load steps, and whether it runs without friction.
-        """
-        end = begun + seconds
-        friction = end - FINAL_FIT * seconds * some_rows
-        search = friction - WITH_FRICTION * seconds * frictionless
-        return cls(search, friction, end, GRACE * seconds)
-
-
-@dataclass
-class _Clock:
-    """Readings of a process, from some point on."""
-
-    reading: float = 0.0  # at that point [s]
-    begun: float = 0.0  # processor time of this process at that point [s]
-    working: int = 1  # processes that use time together
-    task: int = -1  # the list of tasks that this worker works on; -1 outside of a worker
-
-
-_CLOCK = _Clock()
+#: Processor time that workers have used, which those of this process do not know [s].
+_of_workers = 0.0
 
 
 def clock() -> float:
@@ -122,22 +86,13 @@ def clock() -> float:
 
     On a busy computer an identification takes longer, and finds the same.
     """
-    return _CLOCK.reading + _CLOCK.working * (time.process_time() - _CLOCK.begun)
+    return _of_workers + time.process_time()
 
 
 def spend(seconds: float) -> None:
     """Count processor time that workers have used [s]."""
-    _CLOCK.reading += seconds
-
-
-def keep_time(task: int, reading: float, working: int) -> None:
-    """In a worker: go on from a reading of the parent, once for every list of tasks.
-
-    ``working``: processes that work on the list, each of which uses the time that is left.
-    """
-    global _CLOCK
-    if _CLOCK.task != task:
-        _CLOCK = _Clock(reading, time.process_time(), working, task)
+    global _of_workers
+    _of_workers += seconds
 
 
 def end_at(deadline: float, progress: Any) -> None:

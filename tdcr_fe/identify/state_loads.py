@@ -12,15 +12,14 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import chain, combinations_with_replacement, product
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tdcr_fe.effects import Parameter
 from tdcr_fe.effects.base import Kind, Values
 from tdcr_fe.elements import Array
-from tdcr_fe.identify.balance import scale
-from tdcr_fe.identify.bay_state import COMPONENTS, FORCE, MOMENT, BayState, end_of_bay, last_direction
+from tdcr_fe.identify.bay_state import COMPONENTS, FORCE, MOMENT, BayState, end_of_bay, last_direction, scale
 from tdcr_fe.identify.causes import Attraction, Cord, Held, LawLoad, StateLoad, Wall, number, settling_span
 from tdcr_fe.identify.criteria import OTHER_GRAVITY, PER_FACTOR, UNLISTED
 from tdcr_fe.identify.rows import possible_starts, tip_forces
@@ -334,7 +333,7 @@ class _Known:
 
     @cached_property
     def size(self) -> Array:
-        """See `tdcr_fe.identify.balance.scale`."""
+        """See `tdcr_fe.identify.bay_state.scale`."""
         return scale(self.problem.experiment.robot)
 
     @property
@@ -412,20 +411,51 @@ def _products(known: _Known) -> Iterator[StateLoad]:
 
 
 def _on_disks(known: _Known) -> Iterator[StateLoad]:
-    """Forces and moments with three coefficients, on one disk each."""
-    state, data = known.state, known.problem.data
-    tensions = tensions_of(data.robot.tendon_names)
+    """Forces and moments with three coefficients, on one disk each, constant or in proportion to something.
+
+    Along fixed directions, and on the tip along those that turn with it.
+    """
+    state, data, parts = known.state, known.problem.data, known.parts
     forces = tip_forces(resolve(data.robot, data.steps))
-    for free in free_loads(known.clock, tensions, known.parts, known.bays, forces):
-        if "row" in free.depends_on and not known.progress:
-            continue
-        for bay in range(known.bays - 1 if free.at_tip else 0, known.bays):
-            at = end_of_bay(state.edges, bay)
-            terms = [(a, free.unit, partial(free.action, bay=bay, axis=axis)) for axis, a in enumerate("xyz")]
-            price = 1.5 + math.log(state.choices(bay)) + math.log(free.factor.choices)
-            kind, what = Kind(free.perturbs, free.depends_on, at), f"{free.perturbs} {free.text}"
-            when = f", {free.factor.when}" if free.factor.when else ""
-            yield from known.load(f"{what} ({at}{when})", kind, terms, f"a {what}{when}", price)
+
+    def fixed(state: BayState, axis: int) -> Array:
+        return np.tile(np.eye(3)[axis], (state.shape[0], 1))
+
+    def turning(state: BayState, axis: int) -> Array:
+        return state.tip[:, :, axis]
+
+    def dipole(state: BayState, axis: int) -> Array:
+        return np.cross(state.tip[:, :, 2], fixed(state, axis))
+
+    def by_lever(state: BayState, axis: int) -> Array:
+        return np.cross(state.tip[:, :, axis], forces)
+
+    force = Factor("the force on it", "N", CONSTANT.value, "")
+    anywhere = (CONSTANT, known.clock, TENSION, DISTANCE, *tensions_of(data.robot.tendon_names), *parts)
+    magnet = "of a uniform field on a magnet along the tip"
+    many = len(parts) * known.bays > MOST_PAIRS
+    for perturbs, text, by, direction, factors in (
+        ("force", "of fixed direction", "", fixed, anywhere),
+        ("moment", "of fixed direction", "", fixed, anywhere),
+        ("force", "that turns with the tip", "orientation", turning, (CONSTANT,)),
+        ("moment", "that turns with the tip", "orientation", turning, (CONSTANT,)),
+        ("moment", magnet, "orientation", dipole, (CONSTANT, known.clock)),
+        ("moment", "of a lever at the tip", "", by_lever, (force,)),
+    ):
+        for factor in factors:
+            depends = tuple(filter(None, (by, factor.kind))) or ("nothing",)
+            if "row" in depends and not known.progress:
+                continue
+            what, when = f"{perturbs} {text}, {factor.how}", f", {factor.when}" if factor.when else ""
+            unit = _unit("N" if perturbs == "force" else "N m", [factor.unit])
+            at_tip = direction is not fixed or (many and factor in parts)
+            for bay in range(known.bays - 1 if at_tip else 0, known.bays):
+                at, act = end_of_bay(state.edges, bay), partial(_on_disk, factor=factor, bay=bay)
+                along = [(a, partial(direction, axis=axis)) for axis, a in enumerate("xyz")]
+                terms = [(a, unit, partial(act, along=x, force=perturbs == "force")) for a, x in along]
+                price = 1.5 + math.log(state.choices(bay)) + math.log(factor.choices)
+                kind, name = Kind(perturbs, depends, at), f"{what} ({at}{when})"
+                yield from known.load(name, kind, terms, f"a {what}{when}", price)
 
 
 def _by_displacement(known: _Known) -> Iterator[StateLoad]:
@@ -482,11 +512,32 @@ def _lost_tensions(known: _Known) -> Iterator[StateLoad]:
         yield from known.load(f"lost tension ({at})", Kind("transmission", ("place",), at), own, text, price)
 
 
-def _remembered(known: _Known) -> Iterator[StateLoad]:
-    """See `with_memory`."""
-    bent = float(np.nanmax(_size(_bending(known.state)), initial=0.0))
-    settling = (known.clock, *known.settling) if known.progress else None
-    return with_memory(float(known.size[0]), float(known.state.edges[-1]), bent, settling)
+def _remembered(known: _Known) -> Iterator[LawLoad]:
+    """A backbone with dry friction, one that yields, and one that relaxes."""
+    length, step, price = float(known.state.edges[-1]), TYPICAL * float(known.size[0]), math.log(10.0)
+    moment = number("moment", "N m", (-FARTHEST * step, FARTHEST * step), 0.0, step)
+    within = number("within", "1/m", (0.0, 10.0 / length), 0.0, 0.01 / length)
+    kind = Kind("stiffness", ("direction of loading",))
+    held = {"within": [x / length for x in (0.03, 0.1, 0.3)]}
+    text = "a moment of dry friction within the backbone, along the last change of its curvature"
+    yield LawLoad("dry friction in bending", kind, (moment, within), _held_back, text, price, held)
+    largest = float(np.nanmax(_size(_bending(known.state)), initial=0.0))
+    if not largest > 0.0:
+        return
+    most, step = FARTHEST * step / largest, step / largest
+    share, limit = number("coefficient", "N m^2", (0.0, most), 0.0, step), (0.0, largest)
+    numbers = share, number("limit", "1/m", limit, largest, 0.05 * largest)
+    kind, held = Kind("precurvature", ("curvature",)), {"limit": [x * largest for x in (0.5, 0.7, 0.85)]}
+    text = "a backbone that yields: what its curvature changes beyond a limit stays in part"
+    yield LawLoad("permanent set", kind, numbers, _yielded, text, price, held)
+    if not known.progress:
+        return
+    last, spans = known.settling
+    numbers, kind = (replace(share, lower=-most), last), Kind("stiffness", (known.clock.kind,))
+    for declared in ("of a fast load", "at rest"):
+        acts = partial(_relaxed, clock=known.clock, at_rest=declared == "at rest")
+        text = f"a backbone that relaxes; its declared stiffness is that {declared}"
+        yield LawLoad(f"relaxation, stiffness {declared}", kind, numbers, acts, text, price, spans)
 
 
 def _along_the_backbone(known: _Known) -> Iterator[StateLoad]:
@@ -538,108 +589,6 @@ def _free(term: Term, state: BayState) -> list[tuple[str, str, Callable[[BayStat
         own = replace(term, factors=(replace(factor, unit="", value=partial(share, shape=shape)),))
         found += [(f"{n}_{k}_at_{at[k]:.3g}", unit, act) for n, unit, act in own.actions]
     return found
-
-
-#: From the state to a direction for every axis, shape (K, 3).
-_Along = Callable[[BayState, int], Array]
-
-
-class _FreeLoad(NamedTuple):
-    """A force or moment with three coefficients on one disk."""
-
-    perturbs: str  # "force" or "moment"
-    text: str
-    depends_on: tuple[str, ...]
-    # along an axis it acts in this direction, and in proportion to that, on the disk at the end of a bay
-    direction: _Along
-    factor: Factor
-    at_tip: bool  # whether it acts on the tip only
-
-    @property
-    def unit(self) -> str:
-        """Unit of its coefficients."""
-        return _unit("N" if self.perturbs == "force" else "N m", [self.factor.unit])
-
-    def action(self, state: BayState, bay: int, axis: int) -> Array:
-        """Action of a coefficient of one along an axis: a moment passes through all bays below the disk."""
-        found = np.zeros((*state.shape, COMPONENTS))
-        vector = self.factor.value(state)[:, bay, None] * self.direction(state, axis)
-        if self.perturbs == "force":
-            found[:, bay, FORCE] = vector
-        else:
-            found[:, : bay + 1, MOMENT] = np.einsum("kbij,ki->kbj", state.rotation[:, : bay + 1], vector)
-        return found
-
-
-def free_loads(
-    clock: Factor, tensions: Iterable[Factor], parts: Sequence[Factor], bays: int, forces: Array
-) -> Iterator[_FreeLoad]:
-    """Along fixed directions and along those that turn with the tip, constant or in proportion to something.
-
-    ``tensions``: of single tendons; ``parts``: of the rows, see `parts_of_rows`; ``forces``: on the tip, shape (K, 3).
-    """
-
-    def fixed(state: BayState, axis: int) -> Array:
-        return np.tile(np.eye(3)[axis], (state.shape[0], 1))
-
-    def turning(state: BayState, axis: int) -> Array:
-        return state.tip[:, :, axis]
-
-    def dipole(state: BayState, axis: int) -> Array:
-        return np.cross(state.tip[:, :, 2], fixed(state, axis))
-
-    def by_lever(state: BayState, axis: int) -> Array:
-        return np.cross(state.tip[:, :, axis], forces)
-
-    force = Factor("the force on it", "N", CONSTANT.value, "")
-    many = len(parts) * bays > MOST_PAIRS
-    anywhere = (CONSTANT, clock, TENSION, DISTANCE, *tensions, *parts)
-    for perturbs, text, by, direction, factors in (
-        ("force", "of fixed direction", "", fixed, anywhere),
-        ("moment", "of fixed direction", "", fixed, anywhere),
-        ("force", "that turns with the tip", "orientation", turning, (CONSTANT,)),
-        ("moment", "that turns with the tip", "orientation", turning, (CONSTANT,)),
-        ("moment", "of a uniform field on a magnet along the tip", "orientation", dipole, (CONSTANT, clock)),
-        ("moment", "of a lever at the tip", "", by_lever, (force,)),
-    ):
-        for factor in factors:
-            depends = tuple(filter(None, (by, factor.kind))) or ("nothing",)
-            at_tip = direction is not fixed or (many and factor in parts)
-            yield _FreeLoad(perturbs, f"{text}, {factor.how}", depends, direction, factor, at_tip)
-
-
-#: `TIME` or `ROW`, and what `settling_span` gives for it.
-_Settling = tuple[Factor, Parameter, Held]
-
-
-def with_memory(size: float, length: float, largest: float, settling: _Settling | None) -> Iterator[LawLoad]:
-    """A backbone with dry friction, one that yields, and one that relaxes, if ``settling`` is known.
-
-    ``size``: a moment that bends the backbone by about its length [N m]; ``largest``: its largest curvature [1/m].
-    """
-    step, price = TYPICAL * size, math.log(10.0)
-    moment = number("moment", "N m", (-FARTHEST * step, FARTHEST * step), 0.0, step)
-    within = number("within", "1/m", (0.0, 10.0 / length), 0.0, 0.01 / length)
-    kind = Kind("stiffness", ("direction of loading",))
-    held = {"within": [x / length for x in (0.03, 0.1, 0.3)]}
-    text = "a moment of dry friction within the backbone, along the last change of its curvature"
-    yield LawLoad("dry friction in bending", kind, (moment, within), _held_back, text, price, held)
-    if not largest > 0.0:
-        return
-    most, step = FARTHEST * step / largest, step / largest
-    share, limit = number("coefficient", "N m^2", (0.0, most), 0.0, step), (0.0, largest)
-    numbers = share, number("limit", "1/m", limit, largest, 0.05 * largest)
-    kind, held = Kind("precurvature", ("curvature",)), {"limit": [x * largest for x in (0.5, 0.7, 0.85)]}
-    text = "a backbone that yields: what its curvature changes beyond a limit stays in part"
-    yield LawLoad("permanent set", kind, numbers, _yielded, text, price, held)
-    if settling is None:
-        return
-    clock, last, spans = settling
-    numbers, kind = (replace(share, lower=-most), last), Kind("stiffness", (clock.kind,))
-    for declared in ("of a fast load", "at rest"):
-        acts = partial(_relaxed, clock=clock, at_rest=declared == "at rest")
-        text = f"a backbone that relaxes; its declared stiffness is that {declared}"
-        yield LawLoad(f"relaxation, stiffness {declared}", kind, numbers, acts, text, price, spans)
 
 
 def _held_back(state: BayState, values: Values) -> Array:
@@ -723,6 +672,19 @@ def _by_side(state: BayState, axis: int, sign: float) -> Array:
     """A moment in all bays about an axis against the curvature about it, where that has a sign."""
     found = np.zeros((*state.shape, COMPONENTS))
     found[..., axis] = -sign * np.maximum(sign * state.curvature[..., axis], 0.0)
+    return found
+
+
+def _on_disk(
+    state: BayState, factor: Factor, bay: int, along: Callable[[BayState], Array], force: bool
+) -> Array:
+    """A force on the disk at the end of a bay, or a moment, which passes through all bays below it."""
+    found = np.zeros((*state.shape, COMPONENTS))
+    vector = factor.value(state)[:, bay, None] * along(state)
+    if force:
+        found[:, bay, FORCE] = vector
+    else:
+        found[:, : bay + 1, MOMENT] = np.einsum("kbij,ki->kbj", state.rotation[:, : bay + 1], vector)
     return found
 
 

@@ -38,14 +38,15 @@ from tdcr_fe.identify.result import (
     Structure,
     Verdict,
 )
-from tdcr_fe.identify.search_state import Search, SearchState, posterior
-from tdcr_fe.identify.settings import MAY_EXPLAIN, Part
+from tdcr_fe.identify.search_state import SearchState, posterior
+from tdcr_fe.identify.settings import MAY_EXPLAIN, Part, clock
 
 
-def conclude(search: Search, state: SearchState, begun: float = 0.0) -> IdentificationResult:
+def conclude(state: SearchState, begun: float = 0.0, deadline: float = math.inf) -> IdentificationResult:
     """What a search has found.
 
-    ``search``: with the deadline of these conclusions; ``begun``: reading of `time.perf_counter` at the beginning.
+    ``begun``: reading of `time.perf_counter` at the beginning; ``deadline``: of these conclusions, of
+    `tdcr_fe.identify.settings.clock` [s].
     """
     wall_time = time.perf_counter() - begun
     problem, best, declared, data = state.problem, state.best, state.declared, state.problem.data
@@ -55,7 +56,7 @@ def conclude(search: Search, state: SearchState, begun: float = 0.0) -> Identifi
     undecided = _undecided(state, explained)
     ceiling = None
     if not state.log.interrupted and (undecided is None or undecided.where in (THE_INPUTS, THE_NOISE)):
-        if search.out_of_time:
+        if clock() > deadline:
             state = state.without_trying(Part.CEILING)
         else:
             ceiling = held_out_ceiling(problem, declared, best)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, Literal
 
@@ -181,7 +181,9 @@ def in_newtons_and_metres(robot: Robot, steps: Iterable[LoadStep]) -> tuple[Load
     return tuple(found)
 
 
-def resolve(robot: Robot, steps: Iterable[LoadStep], before: Actuation | None = None) -> list[Actuation]:
+def resolve(
+    robot: Robot, steps: Iterable[LoadStep], before: Actuation | None = None, restarts: Sequence[int] = ()
+) -> list[Actuation]:
     """Carry what a step does not name over from the step before.
 
     Parameters
@@ -192,6 +194,8 @@ def resolve(robot: Robot, steps: Iterable[LoadStep], before: Actuation | None = 
         The loading sequence.
     before
         What acts before it; None: every tendon is driven by tension zero; one with pretension by displacement zero.
+    restarts
+        Positions of steps before which that acts again.
 
     Returns
     -------
@@ -207,11 +211,12 @@ def resolve(robot: Robot, steps: Iterable[LoadStep], before: Actuation | None = 
     if before is None:
         kinds = [DISPLACEMENT if t.pretension > 0.0 else TENSION for t in robot.tendons]
         before = Actuation(TendonDrives.of(kinds, robot.tendons), np.zeros(len(index)))
-    drives, values, loads, time = before.drives, before.values, before.loads, before.time
     result = []
     hint = "LoadStep(tensions={'t1': 1.0})"
     check_instance("loading sequence", "steps", steps, Iterable, f"a list such as [{hint}]")
     for number, step in enumerate(steps):
+        if number == 0 or number in restarts:
+            drives, values, loads, time = before.drives, before.values, before.loads, before.time
         check_instance("loading sequence", f"steps[{number}]", step, LoadStep, f"such as {hint}")
         if found := [
             *step_contradictions(number, step, robot.tendon_names, robot.backbone.length, robot.tendons)

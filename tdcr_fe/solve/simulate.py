@@ -48,6 +48,7 @@ def simulate(
     sensitivities: Sequence[str | Parameter] = (),
     curvatures: bool = True,
     responses: bool = False,
+    restarts: Sequence[int] = (),
 ) -> SequenceResult:
     """Take a robot through a loading sequence.
 
@@ -74,6 +75,8 @@ def simulate(
         Whether the derivatives of the curvature rates are needed; else they are zero.
     responses
         Compute compliance, tendon Jacobians and the stiffness seen by the motors at the tip, in every step.
+    restarts
+        Numbers of steps, from 0, that begin with the unloaded robot, as the first one does.
 
     Returns
     -------
@@ -94,8 +97,9 @@ def simulate(
     check_instance("simulate", "robot", robot, Robot, "a Robot. read_robot(path) reads one from robot.toml")
     check_instance("simulate", "model", model, Model, "a Model, such as Model(friction='per-hole')")
     begun = time.perf_counter()
-    targets = resolve(robot, steps)  # before all else: it says what steps are
-    experiment, recorded = Experiment(robot, model, tuple(steps)), record_path is not None
+    targets = resolve(robot, steps, restarts=restarts)  # before all else: it says what steps are
+    experiment = Experiment(robot, model, tuple(steps), restarts=tuple(restarts))
+    recorded = record_path is not None
     asked = reference_path, parameters(experiment, sensitivities), curvatures, responses, recorded
     request = _Request(experiment, targets, settings, progress, *asked)
     findings = plausibility(robot, model, steps).issued()
@@ -180,6 +184,7 @@ class MeshedRun(ABC):
 
     def __init__(self, simulation: Simulation, elements_per_bay: tuple[int, ...], count: int) -> None:
         self.simulation, self.elements_per_bay, self.count = simulation, elements_per_bay, count
+        self.begin = simulation.position
         self.goal = simulation.settings.mesh_tolerance * simulation.handle.robot.backbone.length
         self.monitor = MeshMonitor(simulation, self.goal)
         self.solved: list[StepResult] = []
@@ -317,6 +322,10 @@ class _Run(MeshedRun):
         """See `MeshedRun.take_steps`."""
         request, estimated = self.request, isfinite(self.goal)
         for number, (step, target) in enumerate(zip(self.steps, request.targets, strict=True), start=1):
+            if number - 1 in request.experiment.restarts:
+                self.simulation.return_to(self.begin)
+                if self.history is not None:
+                    self.history.begin_anew()
             try:
                 near = self._near(number, step.substeps)
                 report = self.simulation.advance(target, step.substeps, near, self._follow)

@@ -131,7 +131,7 @@ def difference(about: FitProblem, effects: tuple, values: dict, name: tuple, run
     for x in (h, -h):
         moved = about.with_effects(effects, about.moved(effects, values, [name], np.array([x])))
         # The same substeps of divided steps.
-        found.append(residual_along(about, moved, (replace(run.trajectories[0], ends=moved.ends),)))
+        found.append(residual_along(about, moved, replace(run.trajectories, ends=moved.ends)))
     return (found[1] - found[0]) / (2.0 * h)
 
 

@@ -254,7 +254,7 @@ def test_a_rod_without_tendons_is_identified():
 def test_a_path_is_taken_to_another_mesh_with_the_twist_of_the_backbone():
     """The sum of the elements' twists is that of the whole backbone; holes and tendons have the same states."""
     about = measured(robot=ROBOT, model=FRICTIONAL).experiment
-    (own,) = simulated(about, 1e-4, record=True).trajectories
+    own = simulated(about, 1e-4, record=True).trajectories
     finer = with_elements(about, 3)
     moved = own.on_mesh(mesh_nodes(finer))
     for before, after in zip(own.waypoints, moved.waypoints, strict=True):

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from tdcr_fe.identify.problem import evaluate, join_steps
 from tdcr_fe.identify.report import render
 from tdcr_fe.identify.rows import IN_BRANCH, SEARCHED, blocks, choose_rows, held_out_branches, inputs
 from tdcr_fe.identify.sentences import sentences
+from tdcr_fe.identify.search_state import in_time
 from tdcr_fe.identify.settings import Part
 
 SIGMA = 1e-4
@@ -163,9 +165,9 @@ def searched():
 def test_a_final_fit_that_the_time_does_not_suffice_for_loses_nothing(searched, tmp_path, hard, missed):
     """Without any time no simulation of all load steps ends; with some, nothing further begins after the first."""
     problem, chosen, state = searched
-    search = searching(deadline=0.0)
-    state = fit_to_all_rows(search, state, replace(problem, deadline=hard))
-    result = concluded(state.logged(rows=chosen), search)
+    whole = replace(problem, deadline=hard)
+    state = in_time(searching(), state, partial(fit_to_all_rows, whole), Part.ALL_STEPS)
+    result = concluded(state.logged(rows=chosen), 0.0)
     assert [e.name for e in result.effects] == ["gravity", "precurvature"]
     assert set(result.log.not_tried) == {missed, Part.CEILING}
     assert result.fitted_to_all == (missed != Part.ALL_STEPS)
@@ -186,7 +188,7 @@ def test_models_that_explain_as_much_on_chosen_rows_are_compared_on_all(searched
     values = {"precurvature": state.best.values["precurvature"]}
     other = evaluate(state.problem, state.best.effects[1:], values)
     other = replace(other, cost=state.best.cost, held_cost=state.best.held_cost)
-    last = fit_to_all_rows(searching(), state.with_fit(other), problem)
+    last = fit_to_all_rows(problem, searching(), state.with_fit(other))
     again = last.fits[frozenset({"precurvature"})]
     assert again.residual.size == problem.count and again.cost > 2.0 * last.best.cost
 

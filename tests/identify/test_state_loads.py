@@ -13,17 +13,16 @@ from tdcr_fe import Disks, Experiment, Load, LoadStep, Reading, Robot
 from tdcr_fe.effects import Parameter, effect
 from tdcr_fe.effects.base import Kind
 from tdcr_fe.identify import derivatives, identify, state_loads
-from tdcr_fe.identify.balance import Agreement
-from tdcr_fe.identify.bay_state import FORCE, Action, BayState, last_direction, with_action
+from tdcr_fe.identify.bay_state import FORCE, Action, last_direction, with_action
 from tdcr_fe.identify.causes import Attraction, Cord, StateLoad, Wall
-from tdcr_fe.identify.derivatives import Column, Request, linearize
+from tdcr_fe.identify.derivatives import Agreement, Column, Request, linearize
 from tdcr_fe.identify.dictionary import dictionary
 from tdcr_fe.identify.forward import Job
 from tdcr_fe.identify.problem import evaluate, with_elements
 from tdcr_fe.identify.report import render
 from tdcr_fe.identify.screening import screen
 from tdcr_fe.identify.sentences import sentences, summary
-from tdcr_fe.identify.state_loads import ROW, TIME, library, with_memory
+from tdcr_fe.identify.state_loads import ROW, TIME, library
 
 TERMS = {t.key: t for t in library(4, TIME)}
 HARDENING = TERMS["bending stiffness that changes with the curvature"]
@@ -36,6 +35,12 @@ TOWARDS_A_POINT = pytest.mark.parametrize(
     ],
     ids=["attraction", "cord", "wall"],
 )
+
+
+def twice_over(bays):
+    """The states of two loading sequences that are the same."""
+    by_step = ("curvature", "rotation", "moved", "tension", "direction", "time", "begins")
+    return replace(bays, **{n: np.concatenate([getattr(bays, n)] * 2) for n in by_step})
 
 
 def load_of(term, most=1.0):
@@ -91,15 +96,6 @@ def test_friction_takes_tension_by_the_turning_angle_at_the_disks_below():
     assert np.all(towards[1, 1:, :2].any(axis=-1)) and not back.any()
 
 
-def test_loads_from_a_row_on_act_on_all_disks_of_short_sequences():
-    """Up to 1200 pairs of rows and disks, else on the tip alone: their columns would take too much memory."""
-    parts = state_loads.parts_of_rows(ROW, {7: 7.0, 8: 8.0})
-    for bays, at_tip in ((300, False), (301, True)):
-        every = state_loads.free_loads(ROW, (), parts, bays, np.zeros((1, 3)))
-        found = [x for x in every if x.factor.choices > 1]
-        assert len(found) == 8 and {x.at_tip for x in found} == {at_tip}
-
-
 def test_stiffness_and_precurvature_from_a_row_on_act_in_these_rows():
     problem, run, causes = declared()
     later, own = np.array(problem.data.step_ids) >= 5, "that changes with a step in row 5"
@@ -120,13 +116,13 @@ def test_the_response_to_an_action_is_exact():
     # The response is that of one step: only step 4 gets the action.
     step[np.arange(len(step)) != 3] = 0.0
     acted = [with_action(problem.experiment, Action(x * step, run.bays.rotation)) for x in (1.0, -1.0)]
-    ends = problem.run([Job(e, run.trajectories, states=True) for e in acted])
+    ends = problem.run([Job(e, run.trajectories) for e in acted])
     residuals = [problem.residual(e, r) for e, r in zip(acted, ends, strict=True)]
     mine = problem.readings.step == 3
-    predicted = run.acted.response.readings[mine] @ step[3].ravel()
+    predicted = run.acted.readings[mine] @ step[3].ravel()
     change = -(residuals[0] - residuals[1])[mine] / 2.0
     np.testing.assert_allclose(change, predicted, atol=2e-4 * np.abs(predicted).max())
-    bays = run.acted.response.state[3] @ step[3].ravel()
+    bays = run.acted.state[3] @ step[3].ravel()
     a, b = (r.bays for r in ends)
     moved = np.concatenate((a.curvature[3] - b.curvature[3], a.moved[3] - b.moved[3]), axis=1) / 2.0
     np.testing.assert_allclose(moved.ravel(), bays, atol=2e-3 * np.abs(bays).max())
@@ -178,7 +174,7 @@ def test_dry_friction_holds_the_arc_back_by_one_moment():
     friction, within = 0.2 * EI, 0.5
     moments = np.array([2.0, 4.0, 3.9, 1.0]) * EI
     _, problem = bent_by(moments)
-    load, _ = with_memory(EI / LENGTH, LENGTH, 5.0, None)
+    load = causes_of(problem)[1]["dry friction in bending"]
     values = {"moment": -friction, "within": within}
     run = under(problem, load, values)
     slid = (moments + friction * np.array([-1.0, -1.0, 0.0, 1.0])) / EI
@@ -192,7 +188,7 @@ def test_dry_friction_holds_the_arc_back_by_one_moment():
     x, y = load.action(corner, {**values, "moment": 1.0})[1, 0, :2]
     assert np.arctan2(x, y) == pytest.approx(2.0 * np.arctan(np.exp(-3.0)), rel=1e-9)
     # the friction of one sequence is not that of the next
-    twice = load.action(BayState.joined([run.bays] * 2), values)
+    twice = load.action(twice_over(run.bays), values)
     np.testing.assert_array_equal(twice, np.tile(load.action(run.bays, values), (2, 1, 1)))
 
 
@@ -201,7 +197,7 @@ def test_what_yields_keeps_a_share_of_its_curvature():
     EI, limit = ROBOT.backbone.EI, 2.0
     moments, c = np.array([1.0, 4.0, 0.0, -1.0, 3.0]) * EI, 0.2 * EI
     _, problem = bent_by(moments)
-    _, load = with_memory(EI / LENGTH, LENGTH, 5.0, None)
+    load = causes_of(problem)[1]["permanent set"]
     values = {"coefficient": c, "limit": limit}
     run = under(problem, load, values)
     farthest = (moments[1] - c * limit) / (EI - c)
@@ -209,7 +205,7 @@ def test_what_yields_keeps_a_share_of_its_curvature():
     left = np.array([0.0, farthest - limit, farthest - limit, back + limit, back + limit])
     for bay in run.bays.curvature[..., 1].T:
         np.testing.assert_allclose(bay, (moments + c * left) / EI, rtol=1e-4)
-    twice = load.action(BayState.joined([run.bays] * 2), values)
+    twice = load.action(twice_over(run.bays), values)
     np.testing.assert_array_equal(twice, np.tile(load.action(run.bays, values), (2, 1, 1)))
 
 
@@ -226,7 +222,7 @@ def test_what_relaxes_follows_its_curvature_with_time():
     followed = rate * (ramp - span * (1.0 - np.exp(-ramp / span)))
     held = bent[-1, 0, 1] - (bent[-1, 0, 1] - followed) * np.exp(-np.maximum(time - 8.5, 0.0) / span)
     path = replace(run.bays, curvature=bent, time=time, begins=np.arange(len(time)) == 0)
-    path = BayState.joined([path] * 2)  # one sequence does not know of another
+    path = twice_over(path)  # one sequence does not know of another
     for bay in load.action(path, values)[..., 1].T:
         np.testing.assert_allclose(bay, 0.2 * EI * np.tile(held, 2), rtol=1e-12, atol=1e-12)
     softer = load.action(path, values) - causes["relaxation, stiffness at rest"].action(path, values)
@@ -421,7 +417,7 @@ def test_a_stiffness_that_differs_by_side_acts_where_the_curvature_has_the_sign(
     problem, run, _ = declared()
     kappa = np.linspace(-2.0, 3.0, run.bays.curvature.size).reshape(run.bays.curvature.shape)
     bent = replace(run.bays, curvature=kappa)  # bent to all sides
-    (sides,) = [e for e in dictionary(problem, bent) if e.name == "bending stiffness by side"]
+    (sides,) = [e for e in dictionary(problem, replace(run, bays=bent)) if e.name == "bending stiffness by side"]
     x, y = kappa[..., 0], kappa[..., 1]
     action = sides.action(bent, {"x_plus": 2.0, "x_minus": -1.0, "y_plus": 0.0, "y_minus": 3.0})
     np.testing.assert_allclose(action[..., 0], np.where(x > 0.0, -2.0, 1.0) * x)

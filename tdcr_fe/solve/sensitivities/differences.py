@@ -11,7 +11,7 @@ import numpy as np
 from tdcr_fe.effects import Experiment
 from tdcr_fe.elements import Array, Flags
 from tdcr_fe.elements.section_forces import DIFFERENCE
-from tdcr_fe.model.loading import Actuation, LoadStep, resolve
+from tdcr_fe.model.loading import Actuation, LoadStep
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter, Parameter, StepInput, StepInputs
 from tdcr_fe.solve.simulation import Simulation
 
@@ -201,7 +201,7 @@ class InputDerivatives:
         NoDerivative
             A parameter divides the load steps in another way.
         """
-        keys, present = list(simulation.loads), resolve(experiment.robot, experiment.steps)
+        keys, present = list(simulation.loads), experiment.actions
         acting = [{simulation.load_key(n, load): n for n, load in a.loads.items()} for a in present]
         names = [[own.get(key, "") for key in keys] for own in acting]
         derivatives = cls.of_inputs(len(experiment.robot.tendons), names, chosen)
@@ -240,7 +240,7 @@ def _actions_like(
 
     ``ordered``: whether the results depend on the order in which inputs change within a step.
     """
-    actions, divided = resolve(other.robot, other.steps), len(present.whole_steps) < len(present.steps)
+    actions, divided = other.actions, len(present.whole_steps) < len(present.steps)
     if same_structure(present.steps, other.steps):
         if [k for k, _ in present.ends] == [k for k, _ in other.ends]:
             return actions

@@ -164,8 +164,15 @@ class SensitivityHistory:
     @property
     def carried(self) -> _Carried:
         """What the next load step begins with."""
-        if self.steps:
-            return self.steps[-1].carried
+        return self.steps[-1].carried if self.steps else self._unloaded
+
+    def begin_anew(self) -> None:
+        """Begin the next load step with the unloaded robot."""
+        self.steps[-1] = self.steps[-1]._replace(carried=self._unloaded)
+
+    @property
+    def _unloaded(self) -> _Carried:
+        """What the first load step begins with."""
         law = self.explicit.present.forces.law
         slip = law.released_unloaded() @ self.explicit.law.slip_operator(law.shape[1]).T
         # Not zero where tendons have pretension.
