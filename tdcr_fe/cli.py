@@ -16,6 +16,7 @@ from typing import NoReturn
 
 from tdcr_fe import __version__
 from tdcr_fe.commands.common import COMMANDS, Exit, Noted, complain, stdout_kept_free
+from tdcr_fe.io.files import InputError, Problem, to_json
 from tdcr_fe.io.processes import sigterm_as_interrupt
 from tdcr_fe.model.messages import count, meant, warnings_to
 
@@ -51,7 +52,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if others:
             args.parser.error(f"unrecognized arguments: {' '.join(others)}")
         args.noted, command = noted, args.command
-        with sigterm_as_interrupt() as termination, stdout_kept_free(args), warnings_to(noted.warn):
+        with sigterm_as_interrupt() as sigterm, stdout_kept_free(args), warnings_to(noted.warn):
             noted.quiet = getattr(args, "quiet", False)
             status = _run(args)
     except WrongArguments as error:
@@ -59,12 +60,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         message = f"{error}{_meant(error, given)}"
         print(f"{error.parser.prog}: error: {message}", file=sys.stderr)
         if "--json" in given:
-            from tdcr_fe.io.files import Problem
-
             noted.errors, noted.message = [Problem("arguments", "", "", message)], message
             _print_json(noted, command, Exit.WRONG_INPUT)
         raise SystemExit(Exit.WRONG_INPUT) from None
-    status = termination.status if status == Exit.INTERRUPTED else status
+    status = Exit.TERMINATED if sigterm and status == Exit.INTERRUPTED else status
     if getattr(args, "json", False):
         _print_json(noted, command, status)
     return status
@@ -125,11 +124,7 @@ def _run(args: argparse.Namespace) -> int:
         return Exit.DONE
     except OSError as error:  # a disk that is full, a directory that is read-only
         return _ended(args, Exit.FAILED, f"stopped: {error.strerror or error}: {error.filename or 'output'}")
-    except Exception as error:
-        from tdcr_fe.io.files import InputError
-
-        if not isinstance(error, InputError):
-            raise
+    except InputError as error:
         args.noted.errors = error.problems
         complain(f"{count(len(error.problems), 'mistake')} in the input; nothing was written")
         for problem in error.problems[:MOST_PROBLEMS]:
@@ -146,8 +141,6 @@ def _ended(args: argparse.Namespace, status: int, message: str) -> int:
 
 
 def _print_json(noted: Noted, command: str, status: int) -> None:
-    from tdcr_fe.io.files import to_json
-
     print(to_json(noted.document(command, status)), end="", flush=True)
 
 

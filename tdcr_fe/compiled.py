@@ -11,12 +11,12 @@ belongs to these sources, so that it is compiled once. Times: docs/validation.md
 
 from __future__ import annotations
 
-import importlib.metadata
 import inspect
 import os
 import tempfile
 import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
@@ -30,14 +30,14 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 SWITCH = "TDCR_FE_COMPILED"
 #: As numpy: a division by zero gives infinity.
 _OPTIONS = {"error_model": "numpy"}
-_MARKED: list[Callable[..., Any]] = []
-_REPLACED: list[tuple[Callable[..., Any], Callable[..., Any]]] = []
+#: What compiled functions call in place of a function: itself, or what is written in another way.
+_REPLACEMENTS: dict[Callable[..., Any], Callable[..., Any]] = {}
 _REGISTERED: set[Callable[..., Any]] = set()
 
 
 def compilable(function: Function) -> Function:
     """Mark a function that compiled functions call."""
-    _MARKED.append(function)
+    _REPLACEMENTS[function] = function
     return function
 
 
@@ -45,15 +45,10 @@ def compiled_as(replacement: Callable[..., Any]) -> Callable[[Function], Functio
     """Name what compiled functions call in place of a function, with the same arguments."""
 
     def mark(function: Function) -> Function:
-        _REPLACED.append((function, replacement))
+        _REPLACEMENTS[function] = replacement
         return function
 
     return mark
-
-
-def numba_version() -> str | None:
-    """Version of numba where it is installed and not switched off, else None."""
-    return _installed_version() if os.environ.get(SWITCH, "1") != "0" else None
 
 
 @cache
@@ -62,7 +57,12 @@ def is_compiled() -> bool:
 
     That is looked up once in a process.
     """
-    return numba_version() is not None and _numba() is not None
+    return os.environ.get(SWITCH, "1") != "0" and _numba() is not None
+
+
+def numba_version() -> str:
+    """Version of numba, "not used" where functions are not compiled."""
+    return str(_numba().__version__) if is_compiled() else "not used"
 
 
 def run_compiled(function: Callable[..., Any], *given: Any) -> Any:
@@ -105,23 +105,19 @@ def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 @cache
-def _installed_version() -> str | None:
-    try:
-        return importlib.metadata.version("numba")
-    except importlib.metadata.PackageNotFoundError:
-        return None
-
-
-@cache
 def _numba() -> Any:
-    """The module; None, with a warning, where it cannot be imported, as beside a numpy that it does not know."""
+    """The module; None where it is not installed, and, with a warning, where it cannot be imported.
+
+    As beside a numpy that it does not know.
+    """
     try:
         import numba
     except ImportError as error:
-        warnings.warn(
-            f"numba is installed and cannot be imported, so that functions are not compiled: {error}",
-            stacklevel=2,
-        )
+        if error.name != "numba":
+            warnings.warn(
+                f"numba is installed and cannot be imported, so that functions are not compiled: {error}",
+                stacklevel=2,
+            )
         return None
     return numba
 
@@ -130,7 +126,7 @@ def _register() -> None:
     """Tell numba what functions may be called, and what replaces them: those marked since the last time."""
     from numba.extending import overload
 
-    for function, replacement in [*((f, f) for f in _MARKED), *_REPLACED]:
+    for function, replacement in _REPLACEMENTS.items():
         if function not in _REGISTERED:
             _REGISTERED.add(function)
             overload(function, jit_options=_OPTIONS, strict=False)(_giving(replacement))
@@ -146,11 +142,9 @@ def _folder(base: str) -> Path:
     numba itself looks at the file of the function that is called from outside only: after a change of another one it
     would use what it had compiled before.
     """
-    files = sorted({inspect.getfile(f) for f in (*_MARKED, *(r for _, r in _REPLACED))})
+    files = sorted({inspect.getfile(f) for f in _REPLACEMENTS.values()})
     name = sha256(b"".join(Path(f).read_bytes() for f in files)).hexdigest()[:16]
     folder = Path(base or os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser() / "tdcr_fe" / name
-    try:
+    with suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)
-    except (OSError, RuntimeError):
-        return Path(tempfile.mkdtemp(prefix="tdcr_fe_"))
     return folder if os.access(folder, os.W_OK) else Path(tempfile.mkdtemp(prefix="tdcr_fe_"))

@@ -187,7 +187,7 @@ def _work(name: str, campaign: Campaign, cases: Mapping[str, Any], options: argp
         store.begin()
     except OtherHead as error:
         raise ValueError(f"{store.path} {error}; give another folder") from error
-    with sigterm_as_interrupt() as termination:
+    with sigterm_as_interrupt() as sigterm:
         try:
             campaign.prepare(out)
             with tqdm(total=len(cases), unit=campaign.unit) as bar:
@@ -195,7 +195,7 @@ def _work(name: str, campaign: Campaign, cases: Mapping[str, Any], options: argp
                 found = store.of_all(cases, run, options.processes, lambda record, known: bar.update())
         except KeyboardInterrupt:
             print("interrupted; start it again to resume", file=sys.stderr)
-            return termination.status
+            return 143 if sigterm else 130
     outcomes = [campaign.outcome(**record) for record in found.values()]
     blocks = campaign.report(outcomes)
     campaign.table(outcomes).to_csv(out / f"{name}.csv", index=False)

@@ -7,29 +7,29 @@ from __future__ import annotations
 
 import _thread
 import argparse
+import math
 import shlex
 import signal
 import sys
 import time
-from collections.abc import Iterator, Sequence
+import tomllib
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import asdict, dataclass, field
 from enum import IntEnum
+from importlib.resources import files
 from pathlib import Path
 from threading import Event, Thread
 from typing import TYPE_CHECKING, Any
 
+from tqdm import tqdm
+
+from tdcr_fe.io.files import Problem
 from tdcr_fe.model.messages import PlausibilityRemark, TDCRWarning, count
 
 if TYPE_CHECKING:
-    from tdcr_fe.io.files import Problem
     from tdcr_fe.model.loading import LoadStep, Model
     from tdcr_fe.model.robot import Robot
-import math
-import re
-import tomllib
-from collections.abc import Callable
-from importlib.resources import files
 
 
 class Exit(IntEnum):
@@ -77,8 +77,6 @@ def print_understood(args: argparse.Namespace, robot: Robot, model: Model, steps
 
 def progress_bar(args: argparse.Namespace, total: int | None = None, **options: Any) -> Any:
     """A bar of tqdm on stderr, where that is a terminal and the command is not quiet."""
-    from tqdm import tqdm
-
     return tqdm(total=total, leave=False, file=sys.stderr, disable=True if args.quiet else None, **options)
 
 
@@ -141,8 +139,6 @@ class Noted:
 
     def warn(self, text: str, category: type[TDCRWarning]) -> None:
         """Print a warning or a remark, above the progress bar, and note it; once where it is issued again."""
-        from tqdm import tqdm
-
         is_remark = issubclass(category, PlausibilityRemark)
         noted = self.remarks if is_remark else self.warnings
         if text in noted:
@@ -217,10 +213,9 @@ class Command:
     help: str
     examples: list[str]
     more: str = ""
-    arguments: str = ""
+    arguments: dict[str, dict[str, Any]] = field(default_factory=dict)
     shared: list[str] = field(default_factory=list)
     failure: str = ""
-    options: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     @property
     def description(self) -> str:
@@ -229,29 +224,14 @@ class Command:
 
     def parsed_arguments(self) -> Iterator[tuple[list[str], dict[str, Any]]]:
         """Flags or the name of every argument, and the options of `add_argument`."""
-        lines = re.sub(r"\n\s+", " ", self.arguments).splitlines()
-        for line in [*lines, *(_FILE["shared"][name] for name in self.shared)]:
-            names, _, text = line.partition("  ")
-            *flags, value = names.split()
-            options: dict[str, Any] = {"help": text.strip()}
-            if value.endswith("..."):
-                options["nargs"], value = "+", value.removesuffix("...")
-            if value.startswith("{"):
-                options["choices"] = tuple(value.strip("{}").split(","))
-                options["default"] = options["choices"][0]
-            elif value.isupper() or "." in value:
-                options["metavar"] = value
-            else:
-                flags.append(value)
-            name = flags[-1].lstrip("-")
-            options |= self.options.get(name, _FILE["options"].get(name, {}))
+        shared = {flags: _FILE["shared"][flags] for flags in self.shared}
+        for flags, given in (self.arguments | shared).items():
+            options = dict(given)
             if "whole" in options:
                 options["type"] = whole(*options.pop("whole"))
             elif options.pop("positive", False):
                 options["type"] = positive
-            elif flags[0].startswith("-") and not options.keys() & {"metavar", "choices"}:
-                options["action"] = "store_true"
-            yield flags, options
+            yield flags.split(), options
 
 
 #: Every command, by name.

@@ -32,7 +32,7 @@ def live(args: argparse.Namespace) -> int:
     if not args.no_browser:
         webbrowser.open(page.url)
     try:
-        page.server.wait_until_closed()
+        page.wait_until_closed()
     except KeyboardInterrupt:
         complain("interrupted; the page stays as it is")
         return Exit.INTERRUPTED

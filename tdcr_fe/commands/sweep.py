@@ -10,9 +10,10 @@ import pandas as pd
 from tdcr_fe.commands.common import Exit, complain, print_understood, progress_bar, say
 from tdcr_fe.io.files import check_output_folder, read_all
 from tdcr_fe.model.messages import count
+from tdcr_fe.model.results import Interrupted
 from tdcr_fe.sweeps.cases import scenario_of
 from tdcr_fe.sweeps.description import Sweep
-from tdcr_fe.sweeps.execution import SweepInterrupted, sweep
+from tdcr_fe.sweeps.execution import sweep
 from tdcr_fe.sweeps.read import read_sweep
 from tdcr_fe.sweeps.result import SweepResult
 
@@ -55,7 +56,8 @@ def _solve(described: Sweep, args: argparse.Namespace) -> SweepResult:
                 report=not args.no_pictures,
                 progress=progress,
             )
-        except SweepInterrupted as stop:
+        except Interrupted as stop:
+            assert isinstance(stop.result, SweepResult)
             return stop.result
 
 

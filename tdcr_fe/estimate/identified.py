@@ -7,13 +7,12 @@ import re
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import numpy as np
 from scipy.linalg import block_diag
 
 from tdcr_fe.effects import EFFECTS, changed_by, effect
-from tdcr_fe.elements import Array
 from tdcr_fe.estimate.description import ParameterPrior
 from tdcr_fe.io.files import Reporter
 from tdcr_fe.io.keys import effect_keys
@@ -21,68 +20,54 @@ from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.messages import issue
 from tdcr_fe.model.schema import Keys, Quantity
 
-Effects = Mapping[str, Mapping[str, float]]
 #: Name of a parameter in ``result.json``: effect, the form of it that was fitted, and parameter.
 _NAME = re.compile(r"(\w+)(?: \(.*\))?\.(.*)")
 
 
-class Identified(NamedTuple):
-    """Model and effects in the results of an identification."""
+def read_identified(folder: Path, data: MeasuredData, reporter: Reporter) -> tuple[str, ParameterPrior]:
+    """Friction of the model in results of identify, and its effects; for a robot as measured data declare it.
 
-    friction: str  # Friction of the identified model; empty where there are no results
-    effects: Effects  # All effects, with their values
-    # (q,): Names ``EFFECT.PARAMETER`` of the numbers of effects that were found; where more than noise is left, none
-    # was
-    names: tuple[str, ...]
-    covariance: Array  # (q, q): Covariance of these numbers, or of their inverse where that was fitted
-
-    @classmethod
-    def read(cls, folder: Path, data: MeasuredData, reporter: Reporter) -> Identified:
-        """Results of identify for a robot as measured data declare it."""
-        try:
-            result = json.loads((folder / "result.json").read_text(encoding="utf-8"))
-            found = {
-                e["effect"]: {n: p["value"] for n, p in e["parameters"].items()} for e in result["effects"]
-            }
-            every = found | result["stand_ins"]
-            sigma = np.array(result["standard_errors"], dtype=float)
-            correlation = np.array(result["correlation"], dtype=float)
-            names, digests, friction = result["parameters"], result["input"], result["friction"]
-            if not np.all(np.isfinite(correlation * np.outer(sigma, sigma))):
-                raise ValueError
-        except (OSError, ValueError, KeyError, TypeError):
-            allowed = (
-                "must be a folder with a result.json of identify (this version), with all standard errors"
-            )
-            reporter("identified", str(folder), allowed)
-            return NONE_IDENTIFIED
-        own = {n: d for n, d in (data.digests or {}).items() if n in ("robot.toml", "model.toml")}
-        if any(digests.get(n) != d for n, d in own.items()):
-            allowed = "must be found with the robot.toml and model.toml of this folder"
-            reporter("identified", str(folder), allowed)
-        listed = {e.name for e in EFFECTS}
-        issue([f"{folder}: {name}: not a listed effect, left out" for name in every if name not in listed])
-        effects = {name: values for name, values in every.items() if name in listed}
-        parts = [match.groups() if (match := _NAME.fullmatch(name)) else ("", "") for name in names]
-        which = [k for k, (name, _) in enumerate(parts) if name in found and name in listed]
-        covariance = (correlation * np.outer(sigma, sigma))[np.ix_(which, which)]
-        return cls(friction, effects, tuple(".".join(parts[k]) for k in which), covariance)
-
-    def prior(self, data: MeasuredData, sigma: Mapping[str, float]) -> ParameterPrior:
-        """Prior of the effects that act on the robot; numbers of those on commands or measurement alone are as found.
-
-        ``sigma``: standard deviations of other parameters.
-        """
-        changed = changed_by(replace(data.experiment, steps=()), self.effects)
-        acting = {name: self.effects[name] for name, own in changed.items() if own & {"robot", "model"}}
-        which = [k for k, name in enumerate(self.names) if name.partition(".")[0] in acting]
-        others = {name: x for name, x in sigma.items() if name not in self.names}
-        independent = ParameterPrior.independent(others).covariance
-        covariance = block_diag(self.covariance[np.ix_(which, which)], independent)
-        return ParameterPrior((*(self.names[k] for k in which), *others), covariance, acting)
+    The friction is empty where there are no results. Numbers are known of effects that were found; where more than
+    noise is left, none was.
+    """
+    try:
+        result = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+        found = {e["effect"]: {n: p["value"] for n, p in e["parameters"].items()} for e in result["effects"]}
+        every = found | result["stand_ins"]
+        sigma = np.array(result["standard_errors"], dtype=float)
+        correlation = np.array(result["correlation"], dtype=float)
+        names, digests, friction = result["parameters"], result["input"], result["friction"]
+        if not np.all(np.isfinite(correlation * np.outer(sigma, sigma))):
+            raise ValueError
+    except (OSError, ValueError, KeyError, TypeError):
+        allowed = "must be a folder with a result.json of identify (this version), with all standard errors"
+        reporter("identified", str(folder), allowed)
+        return "", ParameterPrior()
+    own = {n: d for n, d in (data.digests or {}).items() if n in ("robot.toml", "model.toml")}
+    if any(digests.get(n) != d for n, d in own.items()):
+        allowed = "must be found with the robot.toml and model.toml of this folder"
+        reporter("identified", str(folder), allowed)
+    listed = {e.name for e in EFFECTS}
+    issue([f"{folder}: {name}: not a listed effect, left out" for name in every if name not in listed])
+    effects = {name: values for name, values in every.items() if name in listed}
+    parts = [match.groups() if (match := _NAME.fullmatch(name)) else ("", "") for name in names]
+    which = [k for k, (name, _) in enumerate(parts) if name in found and name in listed]
+    covariance = (correlation * np.outer(sigma, sigma))[np.ix_(which, which)]
+    return friction, ParameterPrior(tuple(".".join(parts[k]) for k in which), covariance, effects)
 
 
-NONE_IDENTIFIED = Identified("", {}, (), np.zeros((0, 0)))
+def prior_of_robot(found: ParameterPrior, data: MeasuredData, sigma: Mapping[str, float]) -> ParameterPrior:
+    """Prior of the effects that act on the robot; numbers of those on commands or measurement alone are as found.
+
+    ``sigma``: standard deviations of other parameters.
+    """
+    changed = changed_by(replace(data.experiment, steps=()), found.effects)
+    acting = {name: found.effects[name] for name, own in changed.items() if own & {"robot", "model"}}
+    which = [k for k, name in enumerate(found.names) if name.partition(".")[0] in acting]
+    others = {name: x for name, x in sigma.items() if name not in found.names}
+    independent = ParameterPrior.independent(others).covariance
+    covariance = block_diag(found.covariance[np.ix_(which, which)], independent)
+    return ParameterPrior((*(found.names[k] for k in which), *others), covariance, acting)
 
 
 def read_sigma(table: object, data: MeasuredData, reporter: Reporter) -> dict[str, float]:

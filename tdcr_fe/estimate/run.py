@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,15 +13,15 @@ from typing import Annotated, Any
 from tdcr_fe.effects import Experiment, with_effects
 from tdcr_fe.estimate.description import Estimate, InputPrior, LoadPrior, ParameterPrior
 from tdcr_fe.estimate.estimator import Estimator
-from tdcr_fe.estimate.identified import NONE_IDENTIFIED, Effects, Identified, read_sigma
+from tdcr_fe.estimate.identified import prior_of_robot, read_identified, read_sigma
 from tdcr_fe.estimate.smoothing import smoothed
 from tdcr_fe.io.files import Problem, Reporter, read_all, refusal
 from tdcr_fe.io.measured import MeasuredData, first_checks, read_measured
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.io.toml import read_toml
 from tdcr_fe.model.loading import Load, LoadStep, SolverSettings
-from tdcr_fe.model.messages import PlausibilityWarning, TDCRWarning, count, issue, warnings_to
-from tdcr_fe.model.plausibility import plausibility
+from tdcr_fe.model.messages import count, issue, warnings_to
+from tdcr_fe.model.plausibility import Findings, plausibility
 from tdcr_fe.model.schema import FieldError, Keys, Quantity
 
 _FOUND = Quantity("folder that identify wrote", allowed="the folder of the results of identify, from here")
@@ -68,7 +68,7 @@ class Estimation:
     data: MeasuredData
     load: LoadPrior
     inputs: InputPrior
-    effects: Effects = field(default_factory=dict)
+    effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     uncertain: ParameterPrior = field(default_factory=ParameterPrior)
 
     @property
@@ -155,10 +155,10 @@ def read_estimation(folder: str | os.PathLike[str]) -> Estimation:
     # Where the path is no folder, one mistake says so; those of missing files would repeat it.
     data, top = read_all(lambda: read_measured(folder), lambda: folder.is_dir() and _read_priors(path))
     inputs, reporter, names = top["inputs"], Reporter(str(path)), data.robot.tendon_names
-    sigma, identified = read_sigma(top["uncertain"], data, reporter), NONE_IDENTIFIED
+    sigma, identified = read_sigma(top["uncertain"], data, reporter), ParameterPrior()
     if top["identified"]:
-        identified = Identified.read(folder / top["identified"], data, reporter)
-        data = replace(data, model=replace(data.model, friction=identified.friction or data.model.friction))
+        friction, identified = read_identified(folder / top["identified"], data, reporter)
+        data = replace(data, model=replace(data.model, friction=friction or data.model.friction))
     untimed = [n for n, step in zip(data.step_ids, data.steps, strict=True) if step.time is None]
     unknown = [r.line for r in data.readings if r.sigma is None]
     for name, key, found, needed in (
@@ -177,7 +177,7 @@ def read_estimation(folder: str | os.PathLike[str]) -> Estimation:
         own = (inputs.sigmas(names) * data.input_scales).tolist() if inputs else data.input_sigma
         prior = inputs or InputPrior(sigma=1.0, correlation_time=0.0)
         inputs = replace(prior, sigma=dict(zip(names, own, strict=True)))
-        numbers = identified.prior(data, sigma)
+        numbers = prior_of_robot(identified, data, sigma)
         estimation = Estimation(data, top["load"], inputs, identified.effects, numbers)
         with warnings_to():
             _ = estimation.estimator
@@ -207,7 +207,7 @@ _JUDGED = {
 }
 
 
-def _checks(estimation: Estimation) -> dict[type[TDCRWarning], list[str]]:
+def _checks(estimation: Estimation) -> Findings:
     """`first_checks`, and of standard deviations of load and inputs beyond what the robot can carry."""
     data, prior, names = estimation.data, estimation.load, estimation.data.robot.tendon_names
     errors = dict(zip(names, estimation.inputs.sigmas(names), strict=True))
@@ -218,7 +218,7 @@ def _checks(estimation: Estimation) -> dict[type[TDCRWarning], list[str]]:
         texts = plausibility(data.robot, data.model, [step]).warnings  # also of the robot
         for key, own in _JUDGED.items():
             judged = [own + re.sub(rf"^{key}| \(also .*", "", x) for x in texts if re.match(key, x)]
-            found[PlausibilityWarning] += judged
+            found.warnings.extend(judged)
     return found
 
 
@@ -242,8 +242,7 @@ def run_estimation(
     data, experiment = estimation.data, estimation.experiment
     # The path within a frame is not resolved, so that a frame is not divided where backlash ends.
     steps = [experiment.steps[j] for j in experiment.whole_steps]
-    for category, texts in _checks(estimation).items():
-        issue(texts, category)
+    _checks(estimation).issued()
     by_step: dict[int, list[Reading]] = {n: [] for n in data.step_ids}
     for reading in data.readings:
         by_step[reading.step].append(reading)

@@ -28,7 +28,7 @@ from tdcr_fe.identify.settings import FINAL_FIT, WITH_FRICTION, IdentifySettings
 from tdcr_fe.identify.verdict import conclude
 from tdcr_fe.io.measured import MeasuredData, first_checks, with_columns, without_unread_steps
 from tdcr_fe.io.user_effects import check_on
-from tdcr_fe.model.messages import issue, warnings_to
+from tdcr_fe.model.messages import warnings_to
 from tdcr_fe.model.schema import check_instance
 
 #: Tolerance of the loading path as a fraction of the noise of a position (a third of it is left), and its limits.
@@ -75,8 +75,7 @@ def identify(
     check_instance("identify", "settings", settings, (IdentifySettings, type(None)), hint)
     settings = settings or IdentifySettings()
     check_on(settings.own_effects, Experiment(data.robot, data.model, data.steps))
-    for category, texts in first_checks(data).items():
-        issue(texts, category)
+    first_checks(data).issued()
     with warnings_to():
         return _identified(data, settings, Search(settings, progress or (lambda text, share: None)))
 

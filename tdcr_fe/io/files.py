@@ -16,9 +16,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from tdcr_fe.model.checks import Contradiction
 from tdcr_fe.model.messages import quoted
 
 #: A path, as a text or an object.
@@ -104,10 +101,10 @@ class Reporter:
         if self.problems:
             raise InputError(self.problems)
 
-    def contradictions(self, found: Iterable[Contradiction]) -> None:
-        """Take values that do not fit together."""
-        for c in found:
-            self(c.key, c.value, c.allowed)
+    def contradictions(self, found: Iterable[tuple[str, str, str]]) -> None:
+        """Take values that do not fit together: key, value and what is allowed of each."""
+        for contradiction in found:
+            self(*contradiction)
 
     def sound(self, read: Callable[[], Any]) -> Any:
         """What a function returns; None where it raises an `InputError`, whose mistakes are taken."""
@@ -188,7 +185,7 @@ def plain(value: Any) -> Any:
         return plain(value.to_json())
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
+    if hasattr(value, "tolist"):  # an array or a number of numpy
         return plain(value.tolist())
     if isinstance(value, Sequence | set | frozenset) and not isinstance(value, str | bytes):
         return [plain(v) for v in value]

@@ -13,7 +13,7 @@ import pandas as pd
 
 from tdcr_fe.effects import Experiment, Observation, changed_by, with_effects
 from tdcr_fe.elements.drives import DRIVES
-from tdcr_fe.io.files import InputError, Problem, Reporter, StrPath, read_all, refusal, write_text
+from tdcr_fe.io.files import InputError, Problem, Reporter, StrPath, refusal, write_text
 from tdcr_fe.io.readings import BadRow, Reading, observations_table, read_observations, read_rows
 from tdcr_fe.io.tables import Loading, loading_table, read_loading, read_table
 from tdcr_fe.io.toml import digest, read_model_tables, read_robot
@@ -21,8 +21,7 @@ from tdcr_fe.io.user_effects import apply_effects
 from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml, value_to_toml
 from tdcr_fe.model.checks import size_contradictions
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, in_newtons_and_metres
-from tdcr_fe.model.messages import PlausibilityRemark, PlausibilityWarning, TDCRWarning
-from tdcr_fe.model.plausibility import plausibility
+from tdcr_fe.model.plausibility import Findings, plausibility
 from tdcr_fe.model.robot import Robot, by_tendon
 from tdcr_fe.model.schema import FieldError
 
@@ -138,11 +137,11 @@ def read_measured(folder: StrPath) -> MeasuredData:
         what = "is a file" if folder.exists() else "no such folder"
         raise refusal(folder, f"{what}; must be a folder with robot.toml, loading.csv, observations.csv")
     files = of_robot, of_model, of_loading, observed = [folder / name for name in FILES]
-    (robot, declared), table, rows = read_all(
-        lambda: _read_declared(of_robot, of_model),
-        lambda: read_table(of_loading),
-        lambda: read_rows(observed),
-    )
+    found = Reporter(str(folder))
+    robot = found.sound(lambda: read_robot(of_robot))
+    declared = found.sound(lambda: read_model_tables(of_model if of_model.exists() else None, robot))
+    table, rows = found.sound(lambda: read_table(of_loading)), found.sound(lambda: read_rows(observed))
+    found.refuse()
     model, settings = declared["model"], declared["solver"]
     loading, scales = _read_steps(table, robot, model, str(of_loading))
     readings, bad = read_observations(rows, robot, set(loading.step_ids), str(observed))
@@ -160,17 +159,6 @@ def read_measured(folder: StrPath) -> MeasuredData:
         data = _with_declared_effects(data, declared["effects"], reporter)
     reporter.refuse()
     return data
-
-
-def _read_declared(of_robot: Path, of_model: Path) -> tuple[Robot, dict[str, Any]]:
-    """The robot and, by name, the tables of its model."""
-    found: list[Robot] = []  # empty where the robot has mistakes
-    file = of_model if of_model.exists() else None
-    _, tables = read_all(
-        lambda: found.append(read_robot(of_robot)),
-        lambda: read_model_tables(file, found[0] if found else None),
-    )
-    return found[0], tables
 
 
 def _read_steps(
@@ -287,8 +275,8 @@ def join_measured(sets: Sequence[MeasuredData]) -> MeasuredData:
 ELSEWHERE = 0.25
 
 
-def first_checks(data: MeasuredData, of_inputs: str = "model.toml") -> dict[type[TDCRWarning], list[str]]:
-    """Warnings and remarks on a data set, by category.
+def first_checks(data: MeasuredData, of_inputs: str = "model.toml") -> Findings:
+    """Warnings and remarks on a data set.
 
     ``of_inputs``: the file that has the standard deviations of the inputs.
 
@@ -298,12 +286,11 @@ def first_checks(data: MeasuredData, of_inputs: str = "model.toml") -> dict[type
         A load is far beyond what the robot can carry.
     """
     try:
-        warned, remarks = plausibility(data.robot, data.model, data.steps)
+        found = plausibility(data.robot, data.model, data.steps)
     except ValueError as error:
         raise InputError([Problem(data.name, "", "", with_columns(str(error), data))]) from error
-    warned += [impossible_place(data), large_sigma(data, of_inputs)]
-    found = {PlausibilityWarning: warned, PlausibilityRemark: remarks}
-    return {category: [with_columns(x, data) for x in texts if x] for category, texts in found.items()}
+    found.warnings.extend([impossible_place(data), large_sigma(data, of_inputs)])
+    return Findings(*([with_columns(x, data) for x in texts if x] for texts in found))
 
 
 def large_sigma(data: MeasuredData, file: str) -> str:

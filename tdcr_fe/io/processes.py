@@ -13,7 +13,6 @@ import threading
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
-from dataclasses import dataclass
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from types import FrameType
@@ -21,27 +20,8 @@ from typing import Any, TypeVar
 
 from tdcr_fe.model.messages import ignore_warnings
 
-#: Exit statuses of a process that SIGINT or SIGTERM ended (128 and the number of the signal).
-STATUS_SIGINT, STATUS_SIGTERM = 130, 143
-
 #: Variables that limit the threads of the linear algebra libraries; read when a library is loaded.
 THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
-
-
-class Terminated(KeyboardInterrupt):
-    """SIGTERM arrived. Handled like Ctrl-C; the exit status differs."""
-
-
-@dataclass
-class Termination:
-    """Whether SIGTERM arrived inside `sigterm_as_interrupt`."""
-
-    received: bool = False
-
-    @property
-    def status(self) -> int:
-        """Exit status of a command that was interrupted."""
-        return STATUS_SIGTERM if self.received else STATUS_SIGINT
 
 
 @contextmanager
@@ -61,22 +41,22 @@ def _handled(number: int, handler: Callable[[int, FrameType | None], object]) ->
 
 
 @contextmanager
-def sigterm_as_interrupt() -> Iterator[Termination]:
-    """Raise `Terminated` in the main thread on SIGTERM, so that a command ends as on Ctrl-C.
+def sigterm_as_interrupt() -> Iterator[list[int]]:
+    """Raise `KeyboardInterrupt` in the main thread on SIGTERM, so that a command ends as on Ctrl-C.
 
     Yields
     ------
-    Termination
-        Reports afterwards which signal arrived, even if the exception has been handled since.
+    list of int
+        SIGTERM for each time that it arrived, also where the exception has been handled since.
     """
-    termination = Termination()
+    received: list[int] = []
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        termination.received = True
-        raise Terminated
+        received.append(number)
+        raise KeyboardInterrupt
 
     with _handled(signal.SIGTERM, interrupt):
-        yield termination
+        yield received
 
 
 @contextmanager
@@ -109,17 +89,14 @@ def worker_pool(processes: int) -> Iterator[ProcessPoolExecutor]:
     context = get_context("spawn")
     alive, owned = context.Pipe(duplex=False)
     pool = ProcessPoolExecutor(max(1, processes), context, _start_worker, (alive,))
-    try:
-        yield pool
-    except BaseException:
-        owned.close()
-        raise
-    finally:
+    with alive, owned:
         try:
-            pool.shutdown(wait=True, cancel_futures=True)
-        finally:
+            yield pool
+        except BaseException:
             owned.close()
-            alive.close()
+            raise
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
 
 
 def _start_worker(alive: Connection) -> None:
@@ -139,7 +116,7 @@ def _exit_with_parent(alive: Connection) -> None:
     try:
         alive.recv_bytes()
     except (EOFError, OSError):
-        os._exit(STATUS_SIGTERM)
+        os._exit(1)
 
 
 # -------------------------------------------------------------------------------------------------------- many cases

@@ -93,11 +93,6 @@ class BadRow:
     unit: str = ""
     quantity: str = ""
 
-    @property
-    def is_in_another_unit(self) -> bool:
-        """Whether its value would be plausible in another unit."""
-        return self.column == "value" and bool(self.unit)
-
     def __str__(self) -> str:
         """One line."""
         shown = self.value if self.value else "empty"
@@ -239,13 +234,13 @@ def _refuse_if_doubtful(bad: Sequence[BadRow], sound: Sequence[Reading], file: s
     """
     total = len(sound) + len(bad)
     counts = Counter([b.quantity for b in bad] + [r.quantity for r in sound])
-    doubtful = Counter(b.quantity for b in bad if b.is_in_another_unit)
+    doubtful = Counter(b.quantity for b in bad if b.column == "value" and b.unit)
     several_units = any(n > MANY_IN_ANOTHER_UNIT * counts[q] and n > 2 for q, n in doubtful.items())
     if len(bad) <= MOST_LEFT_OUT * total and not several_units:
         return
     groups: dict[tuple[str, str], list[BadRow]] = {}
     for b in bad:
-        groups.setdefault((b.column, b.unit if b.is_in_another_unit else b.allowed), []).append(b)
+        groups.setdefault((b.column, b.unit or b.allowed), []).append(b)
     problems = []
     for (column, _), rows in sorted(groups.items(), key=lambda x: -len(x[1]))[:5]:
         found = f"{len(rows)} of {total} rows, the first in line {rows[0].line}"

@@ -14,14 +14,15 @@ from pathlib import Path
 from typing import Any
 
 from tdcr_fe import __version__
-from tdcr_fe.compiled import is_compiled, numba_version
+from tdcr_fe.compiled import numba_version
 from tdcr_fe.io.files import StrPath, write_folder, write_json, write_text
 from tdcr_fe.io.write_toml import robot_to_toml, scenario_to_toml
 from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.model.plausibility import understood
 from tdcr_fe.model.results import SequenceResult, StepResult
 from tdcr_fe.model.targets import FollowResult
-from tdcr_fe.report.motion import geometry
+from tdcr_fe.report.motion import geometry, motion_of
+from tdcr_fe.report.viewer import view_page
 
 
 def versions() -> dict[str, str]:
@@ -29,7 +30,7 @@ def versions() -> dict[str, str]:
     return {
         "tdcr_fe": __version__,
         **{name: importlib.metadata.version(name) for name in ("exudyn", "numpy", "scipy")},
-        "numba": (numba_version() if is_compiled() else None) or "not used",
+        "numba": numba_version(),
         "python": platform.python_version(),
     }
 
@@ -151,9 +152,7 @@ def write_results(
         write_json(summary(result, digests, steps_asked), folder / "summary.json")
 
     def draw(folder: Path) -> None:
-        from tdcr_fe.report.motion import motion_of
         from tdcr_fe.report.plots import save_pictures
-        from tdcr_fe.report.viewer import view_page
 
         save_pictures(result, folder)
         if result.steps:
@@ -184,9 +183,6 @@ def view(result: SequenceResult | FollowResult) -> View:
     result
         With at least one solved step.
     """
-    from tdcr_fe.report.motion import motion_of
-    from tdcr_fe.report.viewer import view_page
-
     sequence = result.simulation if isinstance(result, FollowResult) else result
     return View(view_page(motion_of(sequence)))
 

@@ -2,31 +2,24 @@
 
 from __future__ import annotations
 
+import base64
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
 
 from tdcr_fe.elements import Array
-from tdcr_fe.io.files import StrPath, refusal
+from tdcr_fe.io.files import StrPath, refusal, write_folder
 from tdcr_fe.model.columns import tendon_columns
 from tdcr_fe.model.loading import Load
 from tdcr_fe.model.results import HOLE_STATES
-from tdcr_fe.report.motion import Markers, Motion, Nodes, assemble
-
-if TYPE_CHECKING:
-    import pandas as pd
-import base64
-from collections.abc import Mapping
-from typing import NamedTuple
-
-from numpy.typing import NDArray
-
-from tdcr_fe.io.files import write_folder
 from tdcr_fe.report.environment import environment
+from tdcr_fe.report.motion import Markers, Motion, Nodes, assemble
 from tdcr_fe.report.viewer import hole_codes
 
 #: Files that are read.
@@ -48,8 +41,6 @@ def _reading(path: Path) -> Iterator[None]:
 
 def _table(path: Path, numbers: Sequence[str], texts: Sequence[str] = ()) -> pd.DataFrame:
     """These columns of a table; texts stay as they are."""
-    import pandas as pd
-
     with _reading(path):
         types = {**dict.fromkeys(numbers, float), **dict.fromkeys(texts, str)}
         empty = {name: ["", "nan"] for name in numbers}
@@ -67,14 +58,6 @@ def _by_step(rows: pd.DataFrame, path: Path, steps: Sequence[int], may_miss: boo
     if not np.array_equal(rows.step, np.repeat(steps, count)) or not sound.all():
         raise refusal(path, "must have the same rows in every step of steps.csv, and finite numbers", "step")
     return values.reshape(len(steps), count, values.shape[1])
-
-
-def _summary(path: Path) -> dict[str, Any]:
-    with _reading(path):
-        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        if "geometry" not in found:
-            raise refusal(path, "missing; written since version 0.2: run the scenario again", "geometry")
-        return found
 
 
 def _folder(folder: StrPath) -> Path:
@@ -133,8 +116,11 @@ def read_motion(folder: StrPath) -> Motion:
         The folder has no such results, or a file is not as it was written.
     """
     path = _folder(folder)
-    summary = _summary(path / SUMMARY)
     with _reading(path / SUMMARY):
+        summary = json.loads((path / SUMMARY).read_text(encoding="utf-8"))
+        if "geometry" not in summary:
+            text = "missing; written since version 0.2: run the scenario again"
+            raise refusal(path / SUMMARY, text, "geometry")
         shape = summary["geometry"]
         names = [str(t["name"]) for t in shape["tendons"]]
         columns = tendon_columns(names)
@@ -168,8 +154,6 @@ def read_motion(folder: StrPath) -> Motion:
 
 def write_markers(markers: Markers, steps: Iterable[int], folder: Path) -> None:
     """Write ``markers.csv`` and ``declared.csv`` into a folder: ``step,s,x,y,z``, in the robot's frame."""
-    import pandas as pd
-
     numbers = list(steps)
     count = markers.declared.shape[1]
     share = np.linspace(0.0, 1.0, count) if count else np.zeros(0)

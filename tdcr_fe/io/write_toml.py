@@ -181,13 +181,10 @@ def template(file: str, tendons: Sequence[str]) -> str:
     tendons
         Names of the tendons, which are at equal angles.
     """
-    import jinja2
+    from tdcr_fe.report.environment import environment
 
-    loader = jinja2.PackageLoader("tdcr_fe", "data/new")
-    files = jinja2.Environment(
-        loader=loader, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
-    )
-    return files.get_template(f"{file}.j2").render(
+    chosen = environment(__package__).get_template(f"{file}.j2")
+    text = chosen.render(
         tendons=tendons,
         line=_template_line,
         table=_template_table,
@@ -195,3 +192,4 @@ def template(file: str, tendons: Sequence[str]) -> str:
         effects=[e.name for e in EFFECTS],
         channels=CHANNELS,
     )
+    return text.rstrip("\n") + "\n"

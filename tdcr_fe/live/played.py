@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tdcr_fe.elements import Array
 from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings, resolve
 from tdcr_fe.model.results import SequenceResult
 from tdcr_fe.model.robot import Robot
@@ -17,8 +17,6 @@ from tdcr_fe.scene.mesh import elements_of_bays
 from tdcr_fe.solve.load_steps.load_path import StepFailed
 from tdcr_fe.solve.sensitivities.linear_response import local_response
 from tdcr_fe.solve.simulation import Simulation, step_warnings
-
-Array = NDArray[np.float64]
 
 #: Stiffness of the spring between mouse and robot, over that of the robot where it is pulled [1].
 SPRING = 4.0

@@ -11,16 +11,17 @@ import secrets
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 from urllib.parse import parse_qs
 
 import numpy as np
-from markupsafe import Markup
 
+from tdcr_fe.io.write_toml import scenario_to_toml
 from tdcr_fe.live.played import Answer, PlayedRobot
+from tdcr_fe.model.loading import LoadStep
 from tdcr_fe.report.environment import environment
 from tdcr_fe.report.motion import motion_of
 from tdcr_fe.report.viewer import panel, panel_data
@@ -84,16 +85,14 @@ def live_page(played: PlayedRobot, number: int) -> str:
         "places": played.places,
         "friction": played.model.friction != "none",
     }
-    text = json.dumps(controls, allow_nan=False).replace("<", "\\u003c")
-    return (
-        environment(__package__)
-        .get_template("live_page.html.j2")
-        .render(name=motion.name, panel=panel(motion, "whole"), has_panel=True, controls=Markup(text))
-    )
+    template = environment(__package__).get_template("live_page.html.j2")
+    return template.render(name=motion.name, panel=panel(motion, "whole"), has_panel=True, controls=controls)
 
 
 # ------------------------------------------------------------------------------------------------------------ server
 
+#: Height of the page in a notebook [pixels].
+HEIGHT = 860
 #: Largest message [bytes]; a change has some hundred.
 LARGEST_MESSAGE = 65_536
 #: Seconds between signs of life on the connection by which server and page notice that the other has ended.
@@ -104,17 +103,17 @@ CLOSED = -1
 RELOAD = 3.0
 
 
-class LiveServer(ThreadingHTTPServer):
-    """Serves the page of a robot on the loopback address.
+class LiveRobot(ThreadingHTTPServer):
+    """A robot whose page is served in the background, on the loopback address; made by `tdcr_fe.live`.
 
     Parameters
     ----------
     played
         The robot.
     port
-        Port; 0 takes a free one.
-    scenario
-        Gives the text of the sequence so far as a ``scenario.toml``.
+        Port on this computer; 0 takes a free one.
+    robot_file
+        Name of the robot's file in a saved ``scenario.toml``.
 
     Raises
     ------
@@ -124,21 +123,35 @@ class LiveServer(ThreadingHTTPServer):
 
     daemon_threads = True
 
-    def __init__(self, played: PlayedRobot, port: int = 0, scenario: Callable[[], str] = str) -> None:
+    def __init__(self, played: PlayedRobot, port: int = 0, robot_file: str = "robot.toml") -> None:
         super().__init__(("127.0.0.1", port), _Handler)
-        self.played, self.scenario = played, scenario
+        self.played, self.robot_file = played, robot_file
         self.token = secrets.token_urlsafe(24)
         self.page = 0  # number of the newest page; those before it have ended
         self.solving = threading.Lock()  # held while a load step is solved
         self.closed_at: float | None = None  # when the newest page was closed [s], of `time.monotonic`
+        threading.Thread(target=self.serve_forever, daemon=True).start()
 
     @property
     def url(self) -> str:
-        """Address of the page, token included."""
+        """Address of the page; whoever knows it can use the page, on this computer only."""
         return f"http://127.0.0.1:{self.server_port}/?token={self.token}"
 
+    @property
+    def steps(self) -> tuple[LoadStep, ...]:
+        """The loading sequence so far, for `tdcr_fe.simulate`."""
+        return tuple(self.played.steps)
+
+    def scenario(self) -> str:
+        """The loading sequence so far as the text of a ``scenario.toml``."""
+        played = self.played
+        return scenario_to_toml(played.model, played.steps, self.robot_file, played.settings)
+
+    def _repr_html_(self) -> str:
+        return f'<iframe src="{self.url}" width="100%" height="{HEIGHT}" style="border: 0"></iframe>'
+
     def close(self) -> None:
-        """End the connections to all pages, and the server."""
+        """End the connections to all pages, and the server; the page stays as it is."""
         self.page = CLOSED
         self.shutdown()
         self.server_close()
@@ -157,7 +170,7 @@ class LiveServer(ThreadingHTTPServer):
 class _Handler(BaseHTTPRequestHandler):
     """One connection; its methods are named for the requests that they answer."""
 
-    server: LiveServer
+    server: LiveRobot
     protocol_version = "HTTP/1.1"
     timeout = 60.0  # of an idle connection [s]
 

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
 from math import degrees
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,9 +19,6 @@ from tdcr_fe.model import columns
 from tdcr_fe.model.loading import Actuation, Model
 from tdcr_fe.model.messages import count
 from tdcr_fe.model.robot import Robot
-
-if TYPE_CHECKING:
-    from tdcr_fe.model.targets import FollowResult
 
 
 def off_axis(vectors: Array) -> Array:
@@ -310,21 +307,17 @@ class SequenceResult:
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C ended `tdcr_fe.simulate` or `tdcr_fe.follow_path`; what was solved before is kept.
+    """Ctrl-C ended `tdcr_fe.simulate`, `tdcr_fe.follow_path` or `tdcr_fe.sweep`; what was solved before is kept.
 
     Attributes
     ----------
-    result : SequenceResult or FollowResult
-        The load steps or targets solved before, with the message "interrupted".
+    result : SequenceResult, FollowResult or SweepResult
+        The load steps, targets or cases solved before.
     """
 
-    def __init__(self, result: SequenceResult | FollowResult) -> None:
-        super().__init__(result)
+    def __init__(self, result: Any) -> None:
+        super().__init__("interrupted; the attribute `result` has what was solved before")
         self.result = result
-
-    def __str__(self) -> str:
-        steps = count(len(self.result.steps), "solved load step")
-        return f"interrupted; the attribute `result` has {steps}"
 
 
 # ------------------------------------------------------------------------------------- a result as text

@@ -36,18 +36,6 @@ def fixed(value: float | None, decimals: int = 2) -> str:
     return _signed(f"{round(value, decimals) + 0.0:.{decimals}f}")
 
 
-def short(value: float | None) -> str:
-    """A small deviation for a table: four decimals, or a power of ten below 1e-4."""
-    if value is None or not math.isfinite(value):
-        return DASH
-    if value == 0.0:
-        return "0"
-    if abs(value) >= 1e-4:
-        return _signed(f"{value:.4f}" if abs(value) < 10.0 else f"{value:.1f}")
-    exponent = math.floor(math.log10(abs(value)))
-    return f"{_signed(f'{value / 10.0**exponent:.1f}')}e{exponent}"
-
-
 def shown_unit(unit: str, size: float) -> tuple[float, str]:
     """Factor and symbol in which a quantity of that unit and size is shown.
 
@@ -127,5 +115,7 @@ def environment(package: str = __package__) -> jinja2.Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.filters.update({f.__name__: f for f in (significant, fixed, short, quantity, words)})
+    # of `tojson`, which writes data into a script
+    made.policies["json.dumps_kwargs"] = {"ensure_ascii": False, "allow_nan": False, "separators": (",", ":")}
+    made.filters.update({f.__name__: f for f in (significant, fixed, quantity, words)})
     return made

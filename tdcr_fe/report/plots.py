@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
@@ -64,11 +64,17 @@ class LoadArrows:
 
     def draw_planar(self, axes: Axes, i: int, j: int) -> None:
         """Draw them in a projection onto the world axes ``i`` and ``j``; a moment has two heads along its axis."""
-        plane = _Plane(axes, i, j)
+        plane = [i, j]
         for start, vector, moment in self.arrows:
-            plane.arrow(start, vector, MOMENT if moment else FORCE, (1.0, 0.82) if moment else (1.0,))
-        if np.any(self.gravity):
-            plane.gravity(self.gravity, MM * self.motion.positions.reshape(-1, 3))
+            heads = (1.0, 0.82) if moment else (1.0,)
+            _planar_arrow(axes, plane, start, vector, MOMENT if moment else FORCE, heads)
+        if np.any(self.gravity):  # in the corner that is farthest from the robot
+            limits, place = np.array([axes.get_xlim(), axes.get_ylim()]), np.zeros(3)
+            place[plane] = free_corner(limits, MM * self.motion.positions.reshape(-1, 3)[:, plane])
+            direction = 0.09 * np.ptp(limits[1]) * self.gravity / np.linalg.norm(self.gravity)
+            _planar_arrow(axes, plane, place - direction / 2.0, direction, GRAVITY)
+            text: dict[str, Any] = {"textcoords": "offset points", "color": GRAVITY, "va": "bottom"}
+            axes.annotate("g", tuple(place[plane]), xytext=(7, 3), style="italic", **text)
 
     def draw_spatial(self, axes: Any, corner: Array) -> None:
         """The same in three dimensions; gravity at ``corner`` [mm]."""
@@ -92,38 +98,25 @@ class LoadArrows:
                 yield Line2D([], [], color=colour, marker=">", markevery=[1], ms=5, lw=1.5, label=label)
 
 
-class _Plane(NamedTuple):
-    """A projection onto two world axes."""
+def _planar_arrow(
+    axes: Axes, plane: list[int], start: Array, vector: Array, colour: str, heads: tuple[float, ...] = (1.0,)
+) -> None:
+    """An arrow [mm] in a projection onto two world axes; a circle where it is seen end on.
 
-    axes: Axes
-    i: int
-    j: int
-
-    def arrow(self, start: Array, vector: Array, colour: str, heads: tuple[float, ...] = (1.0,)) -> None:
-        """One arrow [mm] with heads at parts of its length; a circle where it is seen end on."""
-        axes, plane = self.axes, [self.i, self.j]
-        place, flat = start[plane], vector[plane]
-        if np.linalg.norm(flat) < END_ON * np.linalg.norm(vector):
-            # The viewer looks along +y where x points right, and along -x where y points right.
-            away = (vector[1] if self.i == 0 else -vector[0]) > 0.0
-            axes.plot(*place, "o", ms=7, mfc="white", mec=colour, mew=1.2, zorder=6)
-            axes.plot(*place, "x" if away else ".", ms=4, color=colour, zorder=7)
-            return
-        look = {"arrowstyle": "-|>", "color": colour, "lw": 1.5, "shrinkA": 0, "shrinkB": 0}
-        above: dict[str, Any] = {"arrowprops": {**look, "mutation_scale": 10}, "zorder": 6}
-        for reach in heads:
-            axes.annotate("", tuple(place + reach * flat), tuple(place), annotation_clip=False, **above)
-        axes.update_datalim((place + flat)[None, :])
-
-    def gravity(self, gravity: Array, points: Array) -> None:
-        """An arrow in the direction of gravity in the corner that is farthest from points of the robot [mm]."""
-        limits, plane = np.array([self.axes.get_xlim(), self.axes.get_ylim()]), [self.i, self.j]
-        place = np.zeros(3)
-        place[plane] = free_corner(limits, points[:, plane])
-        direction = 0.09 * np.ptp(limits[1]) * gravity / np.linalg.norm(gravity)
-        self.arrow(place - direction / 2.0, direction, GRAVITY)
-        text: dict[str, Any] = {"textcoords": "offset points", "color": GRAVITY, "va": "bottom"}
-        self.axes.annotate("g", tuple(place[plane]), xytext=(7, 3), style="italic", **text)
+    It has heads at parts of its length.
+    """
+    place, flat = start[plane], vector[plane]
+    if np.linalg.norm(flat) < END_ON * np.linalg.norm(vector):
+        # The viewer looks along +y where x points right, and along -x where y points right.
+        away = (vector[1] if plane[0] == 0 else -vector[0]) > 0.0
+        axes.plot(*place, "o", ms=7, mfc="white", mec=colour, mew=1.2, zorder=6)
+        axes.plot(*place, "x" if away else ".", ms=4, color=colour, zorder=7)
+        return
+    look = {"arrowstyle": "-|>", "color": colour, "lw": 1.5, "shrinkA": 0, "shrinkB": 0}
+    above: dict[str, Any] = {"arrowprops": {**look, "mutation_scale": 10}, "zorder": 6}
+    for reach in heads:
+        axes.annotate("", tuple(place + reach * flat), tuple(place), annotation_clip=False, **above)
+    axes.update_datalim((place + flat)[None, :])
 
 
 #: Number of steps whose shape is drawn: more hide each other.
@@ -167,15 +160,11 @@ class _StepColours:
 def _framed(width: float, height: float, title: str, handles: Sequence[Line2D]) -> Figure:
     """A figure with its title above and its legend below the part where axes are laid out [inch]."""
     columns = max(1, min(len(handles), int(width / _ENTRY)))
-    rows = -(-len(handles) // columns) if handles else 0
-    below = _ROW * rows + (0.12 if rows else 0.0)
-    whole = height + _TITLE + below
-    figure = Figure(figsize=(width, whole), layout="constrained")
-    figure.get_layout_engine().set(rect=(0.0, below / whole, 1.0, height / whole))  # type: ignore[union-attr, call-arg]
-    figure.text(0.012, 1.0 - 0.1 / whole, title, ha="left", va="top", weight="bold", size=10.5)
+    rows = -(-len(handles) // columns)
+    figure = Figure(figsize=(width, height + _TITLE + _ROW * rows), layout="constrained")
+    figure.suptitle(title, x=0.012, ha="left", weight="bold", size=10.5)
     if handles:
-        where: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (0.0, 0.0), "borderaxespad": 0.3}
-        figure.legend(handles=handles, ncols=columns, **where).set_in_layout(False)
+        figure.legend(handles=handles, ncols=columns, loc="outside lower left")
     return figure
 
 

@@ -101,10 +101,8 @@ class _Drawing:
         m, step = between(self.motion, time), round(time)
         label = f": {label}" if (label := self.motion.label(step)) else ""
         self.title.set_text(f"{m.name}, step {self.motion.steps[step]} of {self.motion.steps[-1]}{label}")
-        k = min(int(time), len(self.response) - 1)
-        share = time - k
-        after = self.response[min(k + 1, len(self.response) - 1)]
-        self.dot.set_data(*([v] for v in (1.0 - share) * self.response[k] + share * after))
+        at = range(len(self.response))
+        self.dot.set_data(*([np.interp(time, at, values)] for values in self.response.T))
         parts: list[Any] = [self.space.plot(*(MM * m.curve(0)).T, color=INK, lw=2.2)[0]]
         if len(m.disks):
             look: dict[str, Any] = {"facecolor": (0.75, 0.78, 0.82, 0.7), "edgecolor": SOFT, "lw": 0.4}

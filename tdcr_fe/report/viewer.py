@@ -6,7 +6,6 @@ Its data are a motion as JSON with quantised arrays, small enough for one HTML f
 from __future__ import annotations
 
 import base64
-import json
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -199,9 +198,8 @@ def panel(motion: Motion, extent: Literal["part", "whole"] = "part") -> Markup:
     extent
         Whether it is part of a page or the whole of it; only then it hears all keys and has links to its views.
     """
-    text = json.dumps(panel_data(motion), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    data, template = Markup(text.replace("<", "\\u003c")), environment().get_template("viewer.html.j2")
-    return Markup(template.render(name=motion.name, extent=extent, data=data, still=Markup(still(motion))))
+    template = environment().get_template("viewer.html.j2")
+    return Markup(template.render(extent=extent, data=panel_data(motion), still=still(motion)))
 
 
 def summary(motion: Motion) -> str:
@@ -229,13 +227,12 @@ def _view(tip: Array, length: float) -> Array:
     return np.stack((right, np.cross(towards, right), towards))
 
 
-def _svg_path(points: Array, closed: bool = False) -> str:
-    text = "L".join(f"{x:.1f} {y:.1f}" for x, y in points)
-    return f"M{text}{'Z' if closed else ''}"
+def _svg_path(points: Array) -> str:
+    return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points)
 
 
-def still(motion: Motion) -> str:
-    """Backbone, disks, tendons and measured markers in the load step that bends the tip most, as SVG text."""
+def still(motion: Motion) -> dict[str, Any]:
+    """Backbone, disks, tendons and measured markers in the load step that bends the tip most, as paths of an SVG."""
     k = int(np.argmax(motion.bending_angles))
     view, plate = _view(motion.tips[k], motion.length), motion.plate
     rims, curve = motion.rims(k), motion.curve(k)
@@ -249,16 +246,16 @@ def still(motion: Motion) -> str:
         centred = (points @ view[:2].T - (low + high) / 2.0) * scale
         return np.asarray(np.array([WIDTH, HEIGHT]) / 2.0 + centred * [1.0, -1.0])
 
-    width = max(1.5, 2.0 * float(motion.radius.max()) * scale)
     depth = [float(rim.mean(axis=0) @ view[2]) for rim in rims]
-    disk, line = 'fill="#dfe3e7" fill-opacity="0.8" stroke="#8b95a1"', 'fill="none" stroke'
-    parts = [f'<path d="{_svg_path(flat(plate), True)}" fill="#8b95a1"/>']
-    parts += [f'<path d="{_svg_path(flat(rims[i]), True)}" {disk}/>' for i in np.argsort(depth)]
-    parts += [f'<path d="{_svg_path(flat(curve))}" {line}="#3d4957" stroke-width="{width:.1f}"/>']
-    parts += [f'<path d="{_svg_path(flat(t))}" {line}="#c2334a" stroke-width="1.3"/>' for t in tendons]
     known = markers[np.isfinite(markers).all(axis=1)]
-    parts += [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4" fill="#009e6b"/>' for x, y in flat(known)]
     title = f"step {motion.steps[k]}" + (f": {label}" if (label := motion.label(k)) else "")
-    text = f"{motion.name}, {title}".replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")
-    head = f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" width="{WIDTH}" height="{HEIGHT}" role="img" aria-label="{text}">'
-    return f"{head}{''.join(parts)}</svg><small>{text}</small>"
+    return {
+        "size": (WIDTH, HEIGHT),
+        "text": f"{motion.name}, {title}",
+        "plate": _svg_path(flat(plate)),
+        "disks": [_svg_path(flat(rims[i])) for i in np.argsort(depth)],
+        "backbone": _svg_path(flat(curve)),
+        "width": max(1.5, 2.0 * float(motion.radius.max()) * scale),
+        "tendons": [_svg_path(flat(t)) for t in tendons],
+        "markers": flat(known).tolist(),
+    }

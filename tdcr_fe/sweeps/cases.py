@@ -11,12 +11,11 @@ from typing import Any, Literal, get_args
 import exudyn
 import numpy as np
 
-from tdcr_fe.effects import Effect
 from tdcr_fe.io.files import InputError, Problem, StrPath
 from tdcr_fe.io.toml import Scenario, ScenarioTables, build_scenario, read_scenario_tables
 from tdcr_fe.io.user_effects import read_own_effects
 from tdcr_fe.model.columns import AFTER_TENDONS, tendon_columns
-from tdcr_fe.model.messages import meant, shown, warnings_to
+from tdcr_fe.model.messages import join, meant, shown, warnings_to
 from tdcr_fe.model.results import SequenceResult
 from tdcr_fe.model.units import number_or_none
 from tdcr_fe.solve.simulate import simulate
@@ -96,9 +95,7 @@ def _solved(job: Job, number: int, changes: Sequence[Change]) -> Outcome:
     return Outcome(number, "converged", "", numbers | further, warnings)
 
 
-@lru_cache(maxsize=4)
-def _own_effects(paths: tuple[str, ...]) -> tuple[Effect, ...]:
-    return read_own_effects(paths)
+_own_effects = lru_cache(maxsize=4)(read_own_effects)
 
 
 def scenario_of(sweep: Sweep, changes: Iterable[Change] = ()) -> Scenario:
@@ -127,7 +124,7 @@ def _changed(key: Key, mode: Mode, value: Any, declared: Any) -> Any:
     number = number_or_none(declared, unit_of(key))
     if number is None:
         given = "is not in the file" if declared is None else f"is {shown(declared)} in the file"
-        raise KeyProblem(f'{key.text} {given}; mode = "{mode}" needs a number there')
+        raise KeyProblem(f'{join("", *key)} {given}; mode = "{mode}" needs a number there')
     return number * value if mode == "factor" else number + value
 
 

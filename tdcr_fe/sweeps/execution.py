@@ -23,6 +23,7 @@ from tdcr_fe.io import files
 from tdcr_fe.io.files import Lines, OtherHead, StrPath, refusal
 from tdcr_fe.io.processes import as_completed, worker_pool
 from tdcr_fe.io.result_files import versions
+from tdcr_fe.model.results import Interrupted
 from tdcr_fe.sweeps.cases import Evaluate, Job, Outcome, solve_case
 from tdcr_fe.sweeps.description import Change, Sweep
 from tdcr_fe.sweeps.read import read_sweep
@@ -151,20 +152,6 @@ Case = tuple[int, tuple[int, list[Change]]]
 Outcomes = Generator[Outcome, None, None]
 
 
-class SweepInterrupted(KeyboardInterrupt):
-    """Ctrl-C ended `tdcr_fe.sweep`; what was finished before is kept, and written where there is a directory.
-
-    Attributes
-    ----------
-    result : SweepResult
-        The other cases have the status "not run".
-    """
-
-    def __init__(self, result: SweepResult) -> None:
-        super().__init__("interrupted; the attribute `result` has the cases that were finished")
-        self.result = result
-
-
 def sweep(
     source: StrPath | Mapping[str, Any] | Sweep,
     out: StrPath | None = None,
@@ -219,7 +206,7 @@ def sweep(
         Nothing was solved.
     concurrent.futures.BrokenExecutor
         The executor given does not go on; finished cases are in the journal.
-    SweepInterrupted
+    Interrupted
         The user pressed Ctrl-C; its attribute ``result`` has what was finished.
     """
     begun = time.perf_counter()
@@ -261,7 +248,7 @@ def sweep(
         if folder is not None:
             write_sweep(result, folder, head, report)
     if stop is not None:
-        raise SweepInterrupted(result) from stop
+        raise Interrupted(result) from stop
     return result
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -17,35 +17,14 @@ IN_SCENARIO, IN_ROBOT = [name for name in SCENARIO if name != "robot"], list(ROB
 
 _PART = re.compile(r'\.(?:"((?:[^"\\]|\\.)*)"|([A-Za-z0-9_-]+))|\[(-?\d+)\]')
 
-#: Names of tables and keys, and numbers of list items, from the top of a file.
-KeyPath = Sequence[str | int]
+#: Where a value stands: names of tables and keys, and numbers of list items, from the top of a file.
+Key = tuple[str | int, ...]
 #: From the value that stands in a file, None where there is none, to the one that replaces it.
 Change = Callable[[Any], Any]
 
 
 class KeyProblem(ValueError):
     """A key that names nothing, or whose value cannot be changed as asked; the message is what is allowed."""
-
-
-@dataclass(frozen=True)
-class Key:
-    """Where a value stands.
-
-    Attributes
-    ----------
-    text : str
-        As the user wrote it.
-    path : tuple of str or int
-        Names of tables and keys, and numbers of list items, from the top of the file.
-    """
-
-    text: str
-    path: tuple[str | int, ...]
-
-    @property
-    def in_robot(self) -> bool:
-        """Whether it stands in `robot.toml`, not in `scenario.toml`."""
-        return self.path[0] in IN_ROBOT
 
 
 def parse_key(text: str) -> Key:
@@ -68,7 +47,7 @@ def parse_key(text: str) -> Key:
     options = [*IN_ROBOT, *IN_SCENARIO]
     if path[0] not in options:
         raise KeyProblem(f"unknown key{meant(path[0], options)}; must begin with one of {', '.join(options)}")
-    return Key(text, tuple(path))
+    return tuple(path)
 
 
 @cache
@@ -79,8 +58,8 @@ def unit_of(key: Key) -> str:
 
 def _schemas(key: Key) -> list[tuple[dict[str, Any], str]]:
     """JSON schemas of what may stand at a key, each with its unit."""
-    nodes = [(json_schema("robot" if key.in_robot else "scenario"), "")]
-    for part in key.path:
+    nodes = [(json_schema("robot" if key[0] in IN_ROBOT else "scenario"), "")]
+    for part in key:
         nodes = [(n, n.get("unit", unit)) for node, unit in nodes for n in _below(node, part)]
     return nodes
 
@@ -111,12 +90,12 @@ def set_value(tables: ScenarioTables, key: Key, change: Change) -> ScenarioTable
     KeyProblem
         There is no such place.
     """
-    if key.in_robot:
-        return replace(tables, robot=_changed(tables.robot or {}, key.path, change, ""))
-    return replace(tables, scenario=_changed(tables.scenario, key.path, change, ""))
+    if key[0] in IN_ROBOT:
+        return replace(tables, robot=_changed(tables.robot or {}, key, change, ""))
+    return replace(tables, scenario=_changed(tables.scenario, key, change, ""))
 
 
-def _changed(node: Any, path: KeyPath, change: Change, where: str) -> Any:
+def _changed(node: Any, path: Key, change: Change, where: str) -> Any:
     """A copy of ``node`` with the value at ``path`` below it changed."""
     if not path:
         return change(node)
@@ -138,12 +117,12 @@ def _changed(node: Any, path: KeyPath, change: Change, where: str) -> Any:
     return table
 
 
-def _with_items(items: list[Any], paths: Mapping[int, KeyPath], change: Change, where: str) -> list[Any]:
+def _with_items(items: list[Any], paths: Mapping[int, Key], change: Change, where: str) -> list[Any]:
     """A list with the values at paths below some of its items changed."""
     return [_changed(x, paths[k], change, join(where, k)) if k in paths else x for k, x in enumerate(items)]
 
 
-def _meant_tables(node: list[Any], head: str, path: KeyPath, where: str) -> dict[int, KeyPath]:
+def _meant_tables(node: list[Any], head: str, path: Key, where: str) -> dict[int, Key]:
     """Tables of a list that a key means: the one of that name; else all of them, or all load steps that have it."""
     names = [x.get("name") for x in node]
     if head in names:
@@ -161,7 +140,7 @@ def _meant_tables(node: list[Any], head: str, path: KeyPath, where: str) -> dict
     return {k: path for k in range(len(node))}
 
 
-def _has(node: Any, path: KeyPath) -> bool:
+def _has(node: Any, path: Key) -> bool:
     """Whether a value stands at a path."""
     for part in path:
         try:

@@ -16,8 +16,8 @@ from tdcr_fe.identify.identification import fit_to_all_rows, with_friction, with
 from tdcr_fe.identify.problem import evaluate, join_steps
 from tdcr_fe.identify.report import render
 from tdcr_fe.identify.rows import IN_BRANCH, SEARCHED, blocks, choose_rows, held_out_branches, inputs
-from tdcr_fe.identify.sentences import sentences
 from tdcr_fe.identify.search_state import in_time
+from tdcr_fe.identify.sentences import sentences
 from tdcr_fe.identify.settings import Part
 
 SIGMA = 1e-4

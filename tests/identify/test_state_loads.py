@@ -417,7 +417,9 @@ def test_a_stiffness_that_differs_by_side_acts_where_the_curvature_has_the_sign(
     problem, run, _ = declared()
     kappa = np.linspace(-2.0, 3.0, run.bays.curvature.size).reshape(run.bays.curvature.shape)
     bent = replace(run.bays, curvature=kappa)  # bent to all sides
-    (sides,) = [e for e in dictionary(problem, replace(run, bays=bent)) if e.name == "bending stiffness by side"]
+    (sides,) = [
+        e for e in dictionary(problem, replace(run, bays=bent)) if e.name == "bending stiffness by side"
+    ]
     x, y = kappa[..., 0], kappa[..., 1]
     action = sides.action(bent, {"x_plus": 2.0, "x_minus": -1.0, "y_plus": 0.0, "y_minus": 3.0})
     np.testing.assert_allclose(action[..., 0], np.where(x > 0.0, -2.0, 1.0) * x)

@@ -261,7 +261,7 @@ def tensions(factor):
 
 def test_an_implausible_input_is_named_by_its_column_and_gravity_in_millimetres_refused():
     turned = data_of([LoadStep(motor_angles={"t1": 60.0})], (), three(spool=Spool(radius=8e-3)))
-    found, other = (first_checks(x)[PlausibilityWarning][0] for x in (data_of(tensions(102.0), BENT), turned))
+    found, other = (first_checks(x).warnings[0] for x in (data_of(tensions(102.0), BENT), turned))
     assert found.startswith("loading.csv, step 3: tension_t1 = 122.4 N")
     assert other.startswith("loading.csv, step 1: motor_angle_t1 = 60 rad")
     with pytest.raises(InputError, match="was it meant in mm/s"):
@@ -271,13 +271,13 @@ def test_an_implausible_input_is_named_by_its_column_and_gravity_in_millimetres_
 def test_errors_that_are_larger_than_every_input_are_named():
     """With 5 N in place of 5 mN nothing was missing, and an estimation took minutes a frame."""
     data = data_of(tensions(1.0), BENT)
-    assert not any(first_checks(data).values())
-    found = first_checks(replace(data, input_sigma=(5.0, 5.0)))[PlausibilityWarning]
+    assert not any(first_checks(data))
+    found = first_checks(replace(data, input_sigma=(5.0, 5.0))).warnings
     assert found == ["model.toml: inputs.sigma = 5: larger than every tension; the largest is 1.2 N"]
-    assert not first_checks(replace(data, input_sigma=(0.05, 0.05)))[PlausibilityWarning]
+    assert not first_checks(replace(data, input_sigma=(0.05, 0.05))).warnings
     both = {"tensions": {"t1": 1.2}, "displacements": {"t2": 1e-3}}
     wound = replace(data, steps=tuple(replace(s, **both) for s in data.steps))
-    (text,) = first_checks(replace(wound, input_sigma=(0.05, 0.05)))[PlausibilityWarning]  # N, and m
+    (text,) = first_checks(replace(wound, input_sigma=(0.05, 0.05))).warnings  # N, and m
     assert text == "model.toml: inputs.sigma = 0.05: larger than every displacement; the largest is 0.001 m"
 
 

@@ -35,14 +35,14 @@ import os, sys, time
 from tdcr_fe.io.processes import sigterm_as_interrupt, worker_pool
 
 def main():
-    with sigterm_as_interrupt() as termination:
+    with sigterm_as_interrupt() as sigterm:
         try:
             with worker_pool(2) as pool:
                 print(*{f.result() for f in [pool.submit(os.getpid) for _ in range(40)]}, flush=True)
                 time.sleep(60.0)
         except KeyboardInterrupt:
             print("interrupted", flush=True)
-            return termination.status
+            return 143 if sigterm else 130
     return 0
 
 if __name__ == "__main__":

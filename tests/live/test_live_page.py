@@ -74,7 +74,7 @@ def test_changes_that_wait_for_an_answer(opened):
     page, served = opened
     moves = [f"{CONTROL}.tendons[{j}].slider" for j in range(2)]
     drive = "document.querySelector('[data-choice=drive]')"
-    with served.server.solving:
+    with served.solving:
         for value in (1.0, 1.5):
             page.ask(f"{moves[0]}.value = {value}; {moves[0]}.dispatchEvent(new Event('input'))")
         page.ask(f"{drive}.value = 'displacement'; {drive}.dispatchEvent(new Event('change'))")
@@ -83,7 +83,7 @@ def test_changes_that_wait_for_an_answer(opened):
     answered(page)
     assert [s.tensions for s in served.steps] == [{}, {"t1": 1.0}, {"t1": 1.5}, {}]
     assert served.steps[-1].displacements == {"t2": 2e-3}
-    with served.server.solving:
+    with served.solving:
         for value in (1.0, 3.0):
             page.ask(f"{moves[1]}.value = {value}; {moves[1]}.dispatchEvent(new Event('input'))")
         page.ask("document.querySelector('[data-do=restart]').click()")

@@ -8,7 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from tdcr_fe.report import style
-from tdcr_fe.report.environment import estimate, fixed, quantity, short, significant
+from tdcr_fe.report.environment import estimate, fixed, quantity, significant
 from tdcr_fe.report.page import Card, Page, Picture, Section, render
 
 HERE = "tdcr_fe.report"
@@ -45,7 +45,6 @@ def test_an_estimate_ends_where_its_interval_begins():
 
 def test_plain_numbers():
     assert (fixed(-1.005, 1), fixed(None), fixed(-0.0001)) == ("−1.0", "–", "0.00")
-    assert (short(0.03801), short(2.04e-11), short(0.0), short(math.nan)) == ("0.0380", "2.0e-11", "0", "–")
     assert significant(123456.0) == "1.23e+05"
     assert significant(183.0, 2) == "180" and significant(-12_340.0) == "−12300"
 

@@ -28,8 +28,15 @@ def test_switched_off_it_is_plain(monkeypatch):
 
 def test_an_installed_numba_that_cannot_be_imported_is_said(monkeypatch):
     monkeypatch.delenv(compiled.SWITCH, raising=False)
-    monkeypatch.setattr(compiled, "numba_version", lambda: "0.1")
-    monkeypatch.setitem(sys.modules, "numba", None)
+
+    class Broken:
+        @staticmethod
+        def find_spec(name, *rest):
+            if name == "numba":
+                raise ImportError("Numba needs another NumPy")
+
+    monkeypatch.delitem(sys.modules, "numba", raising=False)
+    monkeypatch.setattr(sys, "meta_path", [Broken, *sys.meta_path])
     monkeypatch.setattr(compiled, "_numba", compiled._numba.__wrapped__)  # as if it were not imported yet
     with pytest.warns(UserWarning, match="numba is installed and cannot be imported"):
         assert not compiled.is_compiled()
@@ -50,10 +57,11 @@ def test_plain_from_then_on_where_numba_cannot_compile(monkeypatch):
     def unknown(value):
         raise NumbaError("unknown type")
 
-    numba = SimpleNamespace(core=SimpleNamespace(errors=SimpleNamespace(NumbaError=NumbaError)))
+    numba = SimpleNamespace(
+        __version__="0.1", core=SimpleNamespace(errors=SimpleNamespace(NumbaError=NumbaError))
+    )
     monkeypatch.setenv(compiled.SWITCH, "1")
     monkeypatch.setattr(compiled, "_numba", lambda: numba)
-    monkeypatch.setattr(compiled, "_installed_version", lambda: "0.1")
     monkeypatch.setattr(compiled, "_compiled", lambda function: unknown)
     assert compiled.is_compiled()
     with pytest.warns(UserWarning, match="numba 0.1 cannot compile"):

@@ -60,7 +60,7 @@ def test_an_interrupt_within_a_step_keeps_the_steps_before(monkeypatch):
         return newton(*args, **kwargs)
 
     monkeypatch.setattr(substep, "newton", interrupted_beyond)
-    with pytest.raises(Interrupted, match="has 2 solved load steps") as stop:
+    with pytest.raises(Interrupted, match="what was solved before") as stop:
         simulate(paper(0.3), Model(elements_per_bay=1), pull(0.5, 1.0, 1.5, 2.0))
     result = stop.value.result
     assert len(result.steps) == 2 and not result.converged
@@ -93,7 +93,7 @@ def test_an_interrupt_in_exudyns_jacobian_is_raised_again(monkeypatch):
         monkeypatch.setattr(TendonActuation, "jacobian_on_coordinates", interrupted)
 
     turn = LoadStep(loads={"turn": Load(0.25, moment=(1e-3, 0.0, 0.0), frame="section")})
-    with pytest.raises(Interrupted, match="has 1 solved load step"):
+    with pytest.raises(Interrupted, match="what was solved before"):
         simulate(paper(0.3), Model(elements_per_bay=1), [*pull(0.5), turn], progress=patch)
 
 

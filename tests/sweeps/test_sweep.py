@@ -10,7 +10,7 @@ from exudyn.processing import ParameterVariation
 from sweep_files import HASTY, SCENARIO, SWEEP, InProcess, varying, write_files
 
 import tdcr_fe as tdcr
-from tdcr_fe.sweeps.execution import SweepInterrupted, journal
+from tdcr_fe.sweeps.execution import journal
 from tdcr_fe.sweeps.keys import KeyProblem
 
 
@@ -33,7 +33,7 @@ def test_an_interrupted_sweep_continues(tmp_path):
     path = write_files(tmp_path)
     tdcr.sweep(path, tmp_path / "whole", executor=InProcess(), report=False)
     out = tmp_path / "out"
-    with pytest.raises(SweepInterrupted) as stop:
+    with pytest.raises(tdcr.Interrupted) as stop:
         tdcr.sweep(path, out, executor=InProcess(stop_after=1), in_flight=1, report=False)
     first = stop.value.result
     done = first.solved_now

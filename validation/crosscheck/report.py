@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from tdcr_fe.io.files import write_json, write_text
-from tdcr_fe.report.environment import short
+from tdcr_fe.report.environment import significant
 from tdcr_fe.validation.crosscheck.compare import LARGEST, TENSION_TOLERANCE, TIP_TOLERANCE
 from tdcr_fe.validation.crosscheck.page import to_html
 from tdcr_fe.validation.crosscheck.run import versions
@@ -78,7 +78,7 @@ def _requirements(solved: Sequence[Record], studies: Record) -> list[Record]:
     def below(what: str, found: tuple[float, str], limit: float, unit: str = "% of the length") -> Record:
         """A number that must be below a limit; one that was not found (NaN) does not pass."""
         value, where = found
-        row = requirement(what, short(value), f"below {limit:g}", unit, bool(value < limit))
+        row = requirement(what, significant(value), f"below {limit:g}", unit, bool(value < limit))
         return {**row, "where": where}
 
     off = sum(c["holes_differing_off_threshold"] for c in solved)
