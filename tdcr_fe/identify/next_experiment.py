@@ -59,6 +59,8 @@ def choose_next(search: Search, state: SearchState) -> NextExperiment | None:
     models = [_Model(f, covariance(problem, f)) for f in (best, *leading_rivals(state))]
     judge = _parting if len(models) > 1 else _shrinking
     planned = [_planned(problem, steps) for steps in candidate_sequences(problem)]
+    if not planned:  # nothing differs between the steps
+        return None
     rough = judge(models, [p.rough for p in planned])
     for i, _ in sorted(rough, key=lambda x: -x[1].value):
         for _, exact in judge(models, [planned[i]]):
@@ -174,7 +176,7 @@ def _shrinking(models: Sequence[_Model], planned: Sequence[FitProblem]) -> Itera
     """Candidates by how much they reduce the standard error of the parameter that is known worst by its value."""
     (model,) = models
     fit = model.fit
-    if not fit.free or not planned:
+    if not fit.free:
         return
     z = planned[0].coordinates(fit.effects, fit.values, fit.free)
     error = np.sqrt(np.maximum(np.diag(model.spread), 1e-300))

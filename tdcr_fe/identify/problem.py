@@ -79,7 +79,7 @@ class FitProblem:
         fresh = FitProblem.of(data, sigma, held_out, self.forward, self.path_tolerance)
         at = {i: k for k, i in enumerate(rows.readings)}
         roots = tuple((np.array([at[i] for i in own]), root) for own, root in self.roots if own[0] in at)
-        return replace(fresh, catalogue=self.catalogue, roots=roots)
+        return replace(fresh, catalogue=self.catalogue, roots=roots, deadline=self.deadline)
 
     @property
     def elements(self) -> int:

@@ -55,7 +55,7 @@ def tip_forces(actions: Sequence[Actuation]) -> Array:
 
 def inputs(data: MeasuredData) -> Array:
     """Commands and tip forces of every step, each over its largest value, shape (n_steps, n_tendons + 3)."""
-    actions = resolve(data.robot, data.steps)
+    actions = resolve(data.robot, data.steps, restarts=data.restarts)
     commands = np.array([a.values for a in actions]).reshape(len(actions), -1)
     table = np.concatenate((commands, tip_forces(actions)), axis=1)
     for part in (slice(0, -3), slice(-3, None)):

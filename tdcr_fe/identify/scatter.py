@@ -225,7 +225,7 @@ def _shift(problem: FitProblem, fit: Fit) -> _Source:
     """A shift of all positions along the axes of the world."""
     readings = problem.readings
     axes = np.eye(3)[readings.axes] * readings.is_position[:, None]
-    return _Source("positions", "m", fit.residual, axes / problem.sigma[:, None])
+    return _Source("positions", "m", fit.residual, problem.whitened(axes / problem.sigma[:, None]))
 
 
 def _forces(problem: FitProblem, fit: Fit, bays: Sequence[int], near: Array | None = None) -> list[_Source]:
@@ -393,5 +393,5 @@ def _derivatives(problem: FitProblem, experiment: Experiment, run: Run, count: i
     """Derivatives of the predictions over sigma by the parameters of a run, zero where not solved, shape (n, count)."""
     if not run.solved:
         return np.zeros((problem.count, count))
-    derivatives = problem.readings.derivatives(run, experiment) / problem.sigma[:, None]
+    derivatives = problem.whitened(problem.readings.derivatives(run, experiment) / problem.sigma[:, None])
     return np.where(np.isfinite(derivatives), derivatives, 0.0)
