@@ -13,8 +13,8 @@ Every drive prescribes one of two quantities, in a unit of its own:
   gives as their own (`tdcr_fe.elements.friction.TendonParameters.spring`), with its derivative ``c`` by the tension.
 
 Adding a drive takes an entry of `DRIVES`, and a field of `tdcr_fe.model.loading.LoadStep` of the name ``inputs``; where
-its scale follows from a number of its own, that as a field of `tdcr_fe.model.robot.Tendon` and as a property of
-`DrivenTendon`; and for scenes a setter in `tdcr_fe.scene.assembled_robot`, such as ``set_motor_angles``.
+its scale follows from a number of its own, that as a field of `tdcr_fe.model.robot.Tendon`; and for scenes a setter in
+`tdcr_fe.scene.assembled_robot`, such as ``set_motor_angles``.
 """
 
 from __future__ import annotations
@@ -22,23 +22,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from tdcr_fe.elements import Array, Flags
-
-
-class DrivenTendon(Protocol):
-    """What a drive has to know of a tendon."""
-
-    @property
-    def name(self) -> str:
-        """Name of the tendon."""
-
-    @property
-    def spool(self) -> Any:
-        """The spool on which a motor winds it, with its ``radius`` [m]; None where there is none."""
 
 
 @dataclass(frozen=True)
@@ -50,12 +38,12 @@ class Drive:
     unit: str
     winds: bool  # Whether it prescribes the length that it winds; else the tension
     # Length [m] or tension [N] by the unit of the input, of a tendon
-    scale: Callable[[DrivenTendon], float] = lambda tendon: 1.0
+    scale: Callable[[Any], float] = lambda tendon: 1.0
     # Why a tendon cannot be driven so; empty where it can
-    obstacle: Callable[[DrivenTendon], str] = lambda tendon: ""
+    obstacle: Callable[[Any], str] = lambda tendon: ""
 
-    def __reduce__(self) -> tuple[Callable[[str], Drive], tuple[str]]:
-        return drive_named, (self.name,)
+    def __reduce__(self) -> str:
+        return self.name.upper()  # the constant of this module
 
     @property
     def label(self) -> str:
@@ -63,7 +51,7 @@ class Drive:
         return self.name.replace("_", " ")
 
 
-def _no_spool(tendon: DrivenTendon) -> str:
+def _no_spool(tendon: Any) -> str:
     text = f"tendon {tendon.name} has no spool for a motor; give it one, such as spool = {{ radius = 8e-3 }}"
     return text if tendon.spool is None else ""
 
@@ -83,11 +71,6 @@ MOTOR_ANGLE = Drive(
 DRIVES = (TENSION, DISPLACEMENT, MOTOR_ANGLE)
 
 
-def drive_named(name: str) -> Drive:
-    """The drive of a name."""
-    return next(drive for drive in DRIVES if drive.name == name)
-
-
 @dataclass(frozen=True, eq=False)
 class TendonDrives:
     """How all tendons of a robot are driven."""
@@ -96,7 +79,7 @@ class TendonDrives:
     scale: Array  # (m,): Tension [N] or length wound [m] by the unit of the input
 
     @classmethod
-    def of(cls, kinds: Iterable[Drive], tendons: Sequence[DrivenTendon]) -> TendonDrives:
+    def of(cls, kinds: Iterable[Drive], tendons: Sequence[Any]) -> TendonDrives:
         """One kind for each tendon."""
         kinds = tuple(kinds)
         scale = [kind.scale(tendon) for kind, tendon in zip(kinds, tendons, strict=True)]

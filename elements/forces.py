@@ -43,7 +43,7 @@ class SideSprings:
 class Measurement(NamedTuple):
     """Geometry of the tendons and elements of a robot in one configuration."""
 
-    twists: Array  # (E, 6): Relative twists of the elements; empty where no section force acts
+    twists: Array  # (E, 6): Relative twists of the elements; empty where they were not given, and no section force acts
     shape: CableShape  # Lengths and angles of the tendons
     poses: tuple[Array, Array]  # Positions and rotations of all nodes
 
@@ -91,11 +91,10 @@ class ForceModel:
     springs: SideSprings | None = None  # From single nodes to ground
 
     @cached_property
-    def columns(self) -> Index | None:
-        """Body-frame unknowns of the nodes with holes; None where derivatives cover all nodes anyway."""
-        if self.geometry is None or self.hole_nodes.size == self.mesh.arc_lengths.size:
-            return None
-        return (6 * self.hole_nodes[:, None] + np.arange(6)).ravel()
+    def columns(self) -> Index:
+        """Body-frame unknowns of the nodes with holes; of all where tendons follow the backbone."""
+        nodes = np.arange(self.mesh.arc_lengths.size) if self.geometry is None else self.hole_nodes
+        return (6 * nodes[:, None] + np.arange(6)).ravel()
 
     @cached_property
     def cable_nodes(self) -> Index:
@@ -158,14 +157,13 @@ class ForceModel:
         twists
             Twists of the elements, shape (E, 6); None computes them from the poses where they are needed.
         """
-        poses, strained = (positions, rotations), np.zeros((0, 6))
-        if self.section is not None:
-            strained = relative_twists(positions, rotations) if twists is None else twists
+        poses = positions, rotations
+        if twists is None:
+            twists = np.zeros((0, 6)) if self.section is None else relative_twists(*poses)
         if self.geometry is None:
-            return Measurement(strained, self._along_the_backbone(strained), poses)
-        if self.columns is not None:
-            positions, rotations = positions[self.hole_nodes], rotations[self.hole_nodes]
-        return Measurement(strained, self.geometry.evaluate(positions, rotations), poses)
+            return Measurement(twists, self._along_the_backbone(twists), poses)
+        at_holes = (own[self.hole_nodes] for own in poses)
+        return Measurement(twists, self.geometry.evaluate(*at_holes), poses)
 
     def _along_the_backbone(self, twists: Array) -> CableShape:
         """Lengths of tendons that follow the backbone."""
@@ -246,7 +244,7 @@ class TendonForces:
             Shape (m, g, P); None where they stay.
         """
         field, shape, (m, n) = self.field, self.measured.shape, self.model.law.shape
-        moved = nodes if self.model.columns is None else nodes[self.model.columns]
+        moved = nodes[self.model.columns]
         width, count = moved.shape
         changed = (shape.by_nodes.reshape(-1, width) @ moved).reshape(m, 2 * n - 1, count)
         tension = field.d_base[:, :, None] * base_tension[:, None, :] + field.derivatives.by_shape @ changed
@@ -270,8 +268,8 @@ class TendonForces:
         law = self.model.law
         if law.elastic:
             return law.slips(self.tendon_change(nodes[:, None], base_tension[:, None])[1][..., 0])
-        moved = nodes if self.model.columns is None else nodes[self.model.columns]
-        return law.slips(self.field.released_d_length * self.measured.shape.length_change(moved))
+        moved = self.measured.shape.length_change(nodes[self.model.columns])
+        return law.slips(self.field.released_d_length * moved)
 
     @property
     def resting_flexibility(self) -> Array:
@@ -364,11 +362,7 @@ class TendonForces:
         else:
             pull = self.measured.shape.lines.softening(change)
             pull = pull.reshape(-1, pull.shape[-1])
-            columns = self.model.columns
-            if columns is None:
-                k[: len(pull)] += pull
-            else:
-                k[np.ix_(columns[: len(pull)], columns)] += pull
+            k[np.ix_(self.model.columns[: len(pull)], self.model.columns)] += pull
         if self.model.section is not None:
             # Derivatives of the section forces by the twists, and by the frames in which they are expressed.
             blocks = self.model.section.wrench_tangent(self.measured.twists, self.field.tension[:, 0])
@@ -376,9 +370,6 @@ class TendonForces:
 
     def to_all_nodes(self, rows: Array) -> Array:
         """Rows by the nodes with holes as rows by all nodes, shape (k, W) to (k, 6 N)."""
-        columns = self.model.columns
-        if columns is None:
-            return rows
-        full = np.zeros((rows.shape[0], 6 * self.model.mesh.arc_lengths.size))
-        full[:, columns] = rows
+        full = np.zeros((len(rows), 6 * self.model.mesh.arc_lengths.size))
+        full[:, self.model.columns] = rows
         return full

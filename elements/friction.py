@@ -166,8 +166,6 @@ class TendonLaw:
         self._masked = parameters.mask.astype(float)
         special = self.elastic or self._adhesion is not None or self.varies
         self.simple = self.hysteresis.linear and not special
-        # Arrays that never change.
-        self._negative, self._nothing = -self._masked, np.zeros((m, n))
 
     def initial_state(self) -> FrictionState:
         """History of a robot that was never loaded, its tendons just taut."""
@@ -230,8 +228,6 @@ class TendonLaw:
 
         That of the first has what the spring between drive and tendon gives.
         """
-        if not self.elastic:
-            return self.parameters.lengths - lengths, self._negative, self._nothing
         c = self.parameters.compliance[:, None]
         stretch = 1.0 / (1.0 + c * tension)
         released = (self._material - lengths * stretch) * self._masked

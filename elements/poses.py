@@ -171,13 +171,8 @@ TWIST_MATRIX = TWIST_MATRIX.reshape(6, 16)
 def exp_matrix(xi: Array, c: Array) -> Array:
     """Exponential of twists (..., 6) as 4 x 4 matrices, with the `coefficients` of their rotations."""
     x = xi.reshape(-1, 6).dot(TWIST_MATRIX).reshape(*xi.shape[:-1], 4, 4)
-    powers = np.empty((*xi.shape[:-1], 2, 4, 4))
-    square, cube = powers[..., 0, :, :], powers[..., 1, :, :]
-    np.matmul(x, x, out=square)
-    np.matmul(square, x, out=cube)
-    x += (c[..., None, 1:3] @ powers.reshape(*xi.shape[:-1], 2, 16)).reshape(x.shape)
-    x += EYE4
-    return x
+    square = x @ x
+    return np.asarray(EYE4 + x + c[..., 1, None, None] * square + c[..., 2, None, None] * (square @ x))
 
 
 def pose_matrix(position: Array, rotation: Array) -> Array:
@@ -221,13 +216,9 @@ _AD = _AD.reshape(6, 36)
 
 def adjoint_powers(xi: Array) -> Array:
     """``ad``, ``ad^2``, ``ad^3``, ``ad^4`` of twists: (..., 6) to (..., 4, 6, 6)."""
-    powers: Array = np.empty((*xi.shape[:-1], 4, 6, 6))
-    ad, square, cube, fourth = (powers[..., k, :, :] for k in range(4))
-    ad[...] = xi.reshape(-1, 6).dot(_AD).reshape(*xi.shape, 6)
-    np.matmul(ad, ad, out=square)
-    np.matmul(square, ad, out=cube)
-    np.matmul(square, square, out=fourth)
-    return powers
+    ad = xi.reshape(-1, 6).dot(_AD).reshape(*xi.shape, 6)
+    square = ad @ ad
+    return np.stack((ad, square, square @ ad, square @ square), axis=-3)
 
 
 def even_inverse_tangent(powers: Array, c: Array) -> Array:

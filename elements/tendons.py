@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -79,40 +78,6 @@ class CableShape:
         return self.straight
 
 
-class Segments(NamedTuple):
-    """Straight segments between holes; segment or hole first, then tendon."""
-
-    lengths: Array  # (n, m): Lengths of the segments [m], zero where padded
-    inverse: Array  # (n, m): One over these lengths [1/m], zero where padded
-    directions: Array  # (n, m, 3): Unit vectors from base to anchor, zero where padded
-    bend: Array  # (n-1, m, 3): Differences of neighbouring directions
-    chord: Array  # (n-1, m): Squared lengths of these differences
-    angles: Array  # (n-1, m): Turning angles of the tendons at the holes [rad]
-
-    @classmethod
-    def between(cls, holes: Array, exists: Array) -> Segments:
-        """Between holes (n+1, m, 3) [m]; ``exists`` is one or zero for every segment, (n, m)."""
-        d = holes[1:] - holes[:-1]
-        lengths = np.sqrt((d * d).dot(ONES3))
-        inverse = exists / lengths
-        lengths *= exists
-        d *= inverse[:, :, None]
-        # Half the chord between unit vectors is the sine of half the angle: exact down to the smallest turn.
-        bend = d[1:] - d[:-1]
-        chord = (bend * bend).dot(ONES3) * exists[1:]
-        return cls(lengths, inverse, d, bend, chord, 2.0 * np.arcsin(np.minimum(0.5 * np.sqrt(chord), 1.0)))
-
-    def turns_by_directions(self) -> tuple[Array, Array]:
-        """Derivatives of the angles by the vectors along the segments before and behind it, (n-1, m, 3) [rad/m]."""
-        square = self.chord * (1.0 - 0.25 * self.chord)
-        # One over the sine; a straight tendon turns in no defined direction, so its derivative is set to zero.
-        weight = np.sqrt(np.abs(square)) / (square + 1e-24)
-        versed = (0.5 * self.chord)[:, :, None]
-        before = -(weight * self.inverse[:-1])[:, :, None] * (self.bend + versed * self.directions[:-1])
-        after = (weight * self.inverse[1:])[:, :, None] * (self.bend - versed * self.directions[1:])
-        return before, after
-
-
 @dataclass(eq=False)
 class CableLines:
     """Straight segments of all tendons in one configuration."""
@@ -120,7 +85,10 @@ class CableLines:
     frames: Array  # (n+1, 3, 3): Rotations of the nodes that carry the holes
     offsets: Array  # (n+1, m, 3): Of the holes, in the frames of their nodes [m]
     levers: Array  # (n+1, m, 3, 6): See `levers`
-    between: Segments  # From hole to hole; segment or hole first
+    inverse: Array  # (n, m): One over the lengths of the segments [1/m], zero where padded
+    directions: Array  # (n, m, 3): Unit vectors along the segments from base to anchor, zero where padded
+    bend: Array  # (n-1, m, 3): Differences of neighbouring directions
+    chord: Array  # (n-1, m): Squared lengths of these differences
 
     def softening(self, change: Array) -> Array:
         """Pull on the nodes of changes of the tensions, of shape (m, n, W): shape (n+1, 6, W)."""
@@ -133,7 +101,7 @@ class CableLines:
 
     def pulls(self, tension: Array) -> Array:
         """Forces on the holes in the frames of their nodes [N], shape (n+1, m, 3), of tensions (m, n)."""
-        along = self.between.directions * tension.T[:, :, None]
+        along = self.directions * tension.T[:, :, None]
         n, m, _ = along.shape
         force = np.zeros((n + 1, m, 3))
         force[:-1] = along
@@ -155,7 +123,7 @@ class CableLines:
 
         By segment and tendon three rows in world axes, and a fourth along the segment: the change of its length.
         """
-        motions, along = self.frames[:, None] @ self.levers, self.between.directions
+        motions, along = self.frames[:, None] @ self.levers, self.directions
         rows: Array = np.empty((*along.shape[:2], 4, 12))
         np.negative(motions[:-1], out=rows[:, :, :3, :6])
         rows[:, :, :3, 6:] = motions[1:]
@@ -165,8 +133,12 @@ class CableLines:
     @cached_property
     def turns(self) -> Array:
         """Derivatives of the angles at holes 1 .. n-1 by the nodes before, at and behind the hole, (n-1, m, 18)."""
-        before, after = self.between.turns_by_directions()
-        motions = self.segments[:, :, :3]
+        square, motions = self.chord * (1.0 - 0.25 * self.chord), self.segments[:, :, :3]
+        # One over the sine; a straight tendon turns in no defined direction, so its derivative is set to zero.
+        weight = np.sqrt(np.abs(square)) / (square + 1e-24)
+        versed = (0.5 * self.chord)[:, :, None]
+        before = -(weight * self.inverse[:-1])[:, :, None] * (self.bend + versed * self.directions[:-1])
+        after = (weight * self.inverse[1:])[:, :, None] * (self.bend - versed * self.directions[1:])
         turns = np.zeros((*before.shape[:2], 18))
         turns[:, :, :12] = (before[:, :, None] @ motions[:-1])[:, :, 0]
         turns[:, :, 6:] += (after[:, :, None] @ motions[1:])[:, :, 0]
@@ -181,7 +153,7 @@ class CableLines:
         (derivation: docs/algorithms.md, section "Tendons in the tangent").
         """
         m, n = tension.shape
-        weight = (tension.T * self.between.inverse)[:, :, None] * _ACROSS
+        weight = (tension.T * self.inverse)[:, :, None] * _ACROSS
         rows = self.segments.reshape(n, 4 * m, 12)
         block = rows.swapaxes(1, 2) @ (rows * weight.reshape(n, 4 * m, 1))
         itself = np.zeros((n + 1, 6, 6))
@@ -277,9 +249,17 @@ class CableGeometry:
         frames = rotations[:count]
         holes = offsets @ frames.swapaxes(1, 2)
         holes += positions[:count, None]
-        between = Segments.between(holes, self._exists)
-        lines = CableLines(frames, offsets, arms, between)
-        return CableShape(between.lengths.T, between.angles.T, lines, width=6 * len(positions))
+        d = holes[1:] - holes[:-1]
+        lengths = np.sqrt((d * d).dot(ONES3))
+        inverse = self._exists / lengths
+        lengths *= self._exists
+        d *= inverse[:, :, None]
+        # Half the chord between unit vectors is the sine of half the angle: exact down to the smallest turn.
+        bend = d[1:] - d[:-1]
+        chord = (bend * bend).dot(ONES3) * self._exists[1:]
+        angles = 2.0 * np.arcsin(np.minimum(0.5 * np.sqrt(chord), 1.0))
+        lines = CableLines(frames, offsets, arms, inverse, d, bend, chord)
+        return CableShape(lengths.T, angles.T, lines, width=6 * len(positions))
 
 
 def along_nodes(table: Array, first: int, count: int, width: int) -> Array:

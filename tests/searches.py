@@ -12,6 +12,7 @@ from tdcr_fe import IdentifySettings
 from tdcr_fe.cli import main
 from tdcr_fe.effects import EFFECTS, effect
 from tdcr_fe.effects.base import Kind
+from tdcr_fe.identify import settings
 from tdcr_fe.identify.corrected import corrected_files
 from tdcr_fe.identify.dictionary import dictionary
 from tdcr_fe.identify.fitting import fit
@@ -63,9 +64,9 @@ def begun(data):
     return declared_state(prepare(data, IdentifySettings(), ForwardModel()))
 
 
-def searching(**settings):
+def searching(**given):
     """A search that reports nothing."""
-    return Search(IdentifySettings(**settings), lambda text, share: None)
+    return Search(IdentifySettings(**given), lambda text, share: None)
 
 
 def fitted(problem, *effects):
@@ -83,6 +84,12 @@ def with_model(state, values):
     """The same with a model of effects at given values as the best one."""
     best = evaluate(state.problem, tuple(effect(name) for name in values), values)
     return replace(state.with_fit(best), best=best)
+
+
+def time_ends_with(text, beginning, monkeypatch):
+    """Let the time of an identification be over where a report begins so."""
+    if text.startswith(beginning):
+        monkeypatch.setattr(settings, "_of_workers", 2e6)
 
 
 def concluded(state, deadline=np.inf, **found):

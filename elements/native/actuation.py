@@ -8,7 +8,7 @@ quasi-static solver evaluates the same `ForceModel` directly. Both commit to the
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import exudyn as exu
@@ -23,12 +23,14 @@ from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.native.condensation import ElasticTendons, at_rest, forces_by_inputs, stretch
 from tdcr_fe.elements.native.coordinates import NodeCoordinates, generalized_forces
 from tdcr_fe.elements.native.history import HistoryNodes, RobotHistory
-from tdcr_fe.elements.native.items import Clamp, Connectors, SystemReference
+from tdcr_fe.elements.native.items import Clamp, Connectors, SystemReference, item_names
 from tdcr_fe.elements.native.iterated import excess_tangent
 from tdcr_fe.elements.native.scene_forces import Holes, Motor, SceneForces, wound
 
 #: Tensions [N] and displacements [m] at the base, shape (m,), as set or over time [s].
 Inputs = Array | Callable[[float], Array]
+#: Largest gap in a base joint with which a run may begin: the tip is thrown about as far as the gap [m, 1].
+LARGEST_GAP = 1e-4
 
 
 @dataclass(eq=False, repr=False)
@@ -59,13 +61,18 @@ class TendonActuation:
     holes: Holes = "present"
     # Wind tendons, see `add_motor`; their angles follow the coordinates of the nodes in those of Exudyn's item
     motors: tuple[Motor, ...] = ()
+    # Names of items that must keep their numbers, see `item_names`
+    items: dict[tuple[str, int], str] = field(default_factory=dict)
+    # The concentrated loads on it, of `tdcr_fe.scene.loads`
+    point_loads: list[Any] = field(default_factory=list)
+    # What sees every step of Exudyn's own solvers before the history is committed
+    observers: list[Callable[[float], None]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.drives = TendonDrives((TENSION,) * self.law.shape[0], np.ones(self.law.shape[0]))
         self.inputs: Inputs = np.zeros(self.law.shape[0])
-        self._node_coordinates = NodeCoordinates(self.system, self.nodes)
-        self._scene_forces = SceneForces(self._node_coordinates)
-        self._solved: tuple[Array, RobotHistory, TendonForces] | None = None
+        self.node_coordinates = NodeCoordinates(self.system, self.nodes)
+        self._scene_forces = SceneForces(self.node_coordinates)
         self.attempt: tuple[Inputs, ElasticTendons] | None = None
         self._force_function: Any = 0
 
@@ -84,22 +91,45 @@ class TendonActuation:
         """How tension passes along the tendons."""
         return self.model.law
 
+    def add_load(self, load: Any) -> None:
+        """Add a concentrated load."""
+        self.point_loads.append(load)
+        self.items |= item_names(self.mbs, Node=[load.nApplied], Load=load.numbers)
+
+    def add_observer(self, observe: Callable[[float], None], node: Any) -> None:
+        """Let a function see the end of every step [s]; in a data node it keeps what it has seen."""
+        self.observers.append(observe)
+        self.items |= item_names(self.mbs, Node=[node])
+
+    def refuse_apart(self, mbs: exu.MainSystem, t: float) -> None:
+        """Refuse a dynamic run that begins at a time [s] with the base elsewhere than what carries it."""
+        solver, name = mbs.sys.get("dynamicSolver"), self.name
+        start = mbs.systemData.GetTime(exu.ConfigurationType.StartOfStep)
+        if start != t or solver is None or solver.it.currentTime != t:
+            return
+        joint = mbs.GetObjectNumber(f"{name}.baseJoint")
+        gap = np.abs(mbs.ComputeItem(joint, exu.ComputeItemType.AlgebraicEquations)).max()
+        if gap > LARGEST_GAP and mbs.GetObjectParameter(joint, "activeConnector"):
+            raise ValueError(
+                f"robot {name!r} does not begin at the marker that carries its base (gap {gap:.3g}): give that body "
+                "its pose as reference, not as initial displacement, or call mbs.SolveTDCR first"
+            )
+
     # ------------------------------------------------------------------ configuration
 
     @property
     def coordinates(self) -> Index:
         """Exudyn's ODE2 coordinate numbers of all nodes, shape (N, 7); needs an assembled system."""
-        return self._node_coordinates.numbers
+        return self.node_coordinates.numbers
 
     def forget_coordinates(self) -> None:
         """Read the nodes' coordinate numbers from Exudyn again, after another `Assemble`."""
-        self._node_coordinates.forget()
+        self.node_coordinates.forget()
         self._scene_forces.forget()
-        self._solved = None
 
     def scene_poses(self) -> tuple[Array, Array, Array]:
         """Current positions (N, 3), rotations (N, 3, 3) in beam axes and Euler parameters (N, 4) in the scene."""
-        return self._node_coordinates.poses(self._node_coordinates.displacements())
+        return self.node_coordinates.poses(self.node_coordinates.displacements())
 
     # ------------------------------------------------------------------ history
 
@@ -118,9 +148,7 @@ class TendonActuation:
         """Tension at the base in the last solved state [N], shape (m,)."""
         return self.history.base_tension
 
-    def store(
-        self, friction: FrictionState, prescribed: Array, forces: TendonForces, coordinates: Array
-    ) -> None:
+    def store(self, friction: FrictionState, prescribed: Array, forces: TendonForces) -> None:
         """Keep the history of a state solved elsewhere, as that of the current and of the initial configuration.
 
         Parameters
@@ -131,18 +159,11 @@ class TendonActuation:
             See `RobotHistory.prescribed`.
         forces
             Its forces.
-        coordinates
-            Coordinates of the nodes, without reference values, shape (N, 7).
         """
         tension = forces.field.tension
         stretched = stretch(self.model, tension, forces.measured.shape.lengths)
         history = RobotHistory(friction, forces.base_tension, prescribed, stretched)
-        kept = self.history_nodes.write(history, tension, forces.field.base_slip, initial=True)
-        self._solved = coordinates.copy(), kept, forces
-
-    def reset(self) -> None:
-        """Reset the history to that of a robot that was never loaded."""
-        self.history_nodes.reset()
+        self.history_nodes.write(history, tension, forces.field.base_slip, initial=True)
 
     def friction_without_stretch(self) -> FrictionState:
         """Friction history for a solver in which inextensible tendons do not stretch.
@@ -184,15 +205,8 @@ class TendonActuation:
 
     def current_forces(self) -> TendonForces:
         """Forces in the scene's current configuration at the tensions and mobilisations of the history."""
-        history, coordinates = self.history, self._node_coordinates.displacements()
-        if self._solved is not None:
-            before, of, forces = self._solved
-            if of is history and np.array_equal(before, coordinates):
-                return forces
-        positions, rotations, _ = self._node_coordinates.poses(coordinates)
-        forces = at_rest(self.model, self.model.measure(positions, rotations), history)
-        self._solved = coordinates, history, forces
-        return forces
+        positions, rotations, _ = self.scene_poses()
+        return at_rest(self.model, self.model.measure(positions, rotations), self.history)
 
     @property
     def displacements(self) -> Array:
@@ -251,7 +265,7 @@ class TendonActuation:
         tangent = self._scene_forces.tangent(nodes, tendons, holes, self.motors)
         # Both factors together are those of an iteration in time; derivatives for linearised systems are exact.
         if by_velocity != 0.0 and by_position != 0.0:
-            excess = excess_tangent(self._node_coordinates, self.mesh, nodes)
+            excess = excess_tangent(self.node_coordinates, self.mesh, nodes)
             if excess is not None:
                 tangent[: nodes.size, : nodes.size] -= excess
         tangent *= -by_position
@@ -299,7 +313,7 @@ class TendonActuation:
 
     def commit_scene(self, t: float) -> None:
         """Commit the scene's current state, solved at time t [s], to the friction history."""
-        moved = np.append(self._node_coordinates.displacements(), self._angles())
+        moved = np.append(self.node_coordinates.displacements(), self._angles())
         coordinates, tendons = self._in_step(moved, t)
         friction, forces = self._scene_forces.step_end(coordinates, tendons)
         driven, tension = tendons.driven, forces.field.tension

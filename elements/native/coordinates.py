@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import exudyn as exu
 import numpy as np
@@ -55,6 +55,10 @@ class NodeCoordinates:
         """Coordinates in a configuration of the scene, without reference values, shape (N, 7)."""
         return self._system.mbs.systemData.GetODE2Coordinates(configuration, copy=False)[self.numbers]
 
+    def velocities(self, configuration: Any) -> Array:
+        """Rates of the coordinates in a configuration of the scene, shape (N, 7)."""
+        return self._system.mbs.systemData.GetODE2Coordinates_t(configuration)[self.numbers]
+
     def poses(self, displacements: Array) -> tuple[Array, Array, Array]:
         """Positions (N, 3), rotations (N, 3, 3) in beam axes and Euler parameters (N, 4) of coordinates, (N, 7)."""
         q = displacements + self.reference
@@ -73,6 +77,24 @@ def twists_by_coordinates(rotations: Array, parameters: Array) -> Array:
     found = node_frames(rotations, parameters).swapaxes(1, 2).copy()
     found[:, 3:, 3:] *= 4.0
     return found
+
+
+class NodeMotion(NamedTuple):
+    """Nodes of one backbone at one time."""
+
+    coordinates: Array  # (N, 7): Without reference values
+    velocities: Array  # (N, 7): Their rates
+    positions: Array  # (N, 3)
+    rotations: Array  # (N, 3, 3)
+    twists: Array  # (N, 6): Body-frame twists: velocities [m/s] and angular velocities [rad/s] in own axes
+
+    @classmethod
+    def of(cls, nodes: NodeCoordinates, configuration: Any) -> NodeMotion:
+        """In one of Exudyn's configurations."""
+        moved, rates = nodes.displacements(configuration), nodes.velocities(configuration)
+        positions, rotations, parameters = nodes.poses(moved)
+        twists = (twists_by_coordinates(rotations, parameters) @ rates[:, :, None])[:, :, 0]
+        return cls(moved, rates, positions, rotations, twists)
 
 
 def generalized_forces(wrenches: Array, rotations: Array, parameters: Array) -> Array:

@@ -127,7 +127,7 @@ class HistoryNodes:
 
     def write(
         self, history: RobotHistory, tension: Array, displacement: Array, *, initial: bool = False
-    ) -> RobotHistory:
+    ) -> None:
         """Write a history into the current configuration of the scene; nothing happens before ``mbs.Assemble()``.
 
         Parameters
@@ -141,20 +141,14 @@ class HistoryNodes:
             history counts.
         initial
             Whether it becomes that of the initial configuration, too.
-
-        Returns
-        -------
-        RobotHistory
-            What `read` returns from now on.
         """
         if not self._present:
-            return self._unloaded
+            return
         raw = self._encode(history, tension, displacement)
         self._coordinates(_CURRENT)[:] = raw
         if initial:
             self._coordinates(_INITIAL)[:] = raw
         self._raw, self._decoded = raw.tobytes(), history
-        return history
 
     def reset(self) -> None:
         """Write the history of a robot that was never loaded into the current and the initial configuration."""

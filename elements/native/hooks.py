@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
 from typing import Any
 
 import exudyn as exu
@@ -27,8 +26,6 @@ TINY = 0.01
 MOST = 200
 #: Beyond this spectral radius of the generalized-alpha method constraint forces are hardly damped [1].
 LARGEST_RADIUS = 0.99
-#: Largest gap in a base joint with which a run may begin: the tip is thrown about as far as the gap [m, 1].
-LARGEST_GAP = 1e-4
 #: Key of the hooks in ``mbs.variables``.
 KEY = "tdcr_fe.hooks"
 
@@ -103,42 +100,6 @@ class StepSizes:
         return 0.0 < t - self._last < TINY * float(size)
 
 
-@dataclass(eq=False)
-class RobotInScene:
-    """One robot of a system, and what was added to it."""
-
-    actuation: TendonActuation
-    items: dict[tuple[str, int], str]  # Names of items that must keep their numbers, see `item_names`
-    # The concentrated loads on it, of `tdcr_fe.scene.loads`
-    point_loads: list[Any] = field(default_factory=list)
-    # What sees every step of Exudyn's own solvers before the history is committed
-    observers: list[Callable[[float], None]] = field(default_factory=list)
-
-    def add_load(self, load: Any) -> None:
-        """Add a concentrated load."""
-        self.point_loads.append(load)
-        self.items |= item_names(self.actuation.mbs, Node=[load.nApplied], Load=load.numbers)
-
-    def add_observer(self, observe: Callable[[float], None], node: Any) -> None:
-        """Let a function see the end of every step [s]; in a data node it keeps what it has seen."""
-        self.observers.append(observe)
-        self.items |= item_names(self.actuation.mbs, Node=[node])
-
-    def refuse_apart(self, mbs: exu.MainSystem, t: float) -> None:
-        """Refuse a dynamic run that begins at a time [s] with the base elsewhere than what carries it."""
-        solver, name = mbs.sys.get("dynamicSolver"), self.actuation.name
-        start = mbs.systemData.GetTime(exu.ConfigurationType.StartOfStep)
-        if start != t or solver is None or solver.it.currentTime != t:
-            return
-        joint = mbs.GetObjectNumber(f"{name}.baseJoint")
-        gap = np.abs(mbs.ComputeItem(joint, exu.ComputeItemType.AlgebraicEquations)).max()
-        if gap > LARGEST_GAP and mbs.GetObjectParameter(joint, "activeConnector"):
-            raise ValueError(
-                f"robot {name!r} does not begin at the marker that carries its base (gap {gap:.3g}): give that body "
-                "its pose as reference, not as initial displacement, or call mbs.SolveTDCR first"
-            )
-
-
 class SceneHooks:
     """Robots of one system, and the functions that Exudyn calls for them.
 
@@ -151,12 +112,12 @@ class SceneHooks:
     ----------
     system : SystemReference
         Shared by all items of the robots.
-    robots : list of RobotInScene
+    robots : list of TendonActuation
     """
 
     def __init__(self, mbs: exu.MainSystem) -> None:
         self.system = SystemReference(mbs)
-        self.robots: list[RobotInScene] = []
+        self.robots: list[TendonActuation] = []
         #: How many items there were when their numbers were last checked.
         self._counts = item_counts(mbs)
         self._step_sizes = StepSizes()
@@ -177,18 +138,9 @@ class SceneHooks:
         return hooks
 
     @property
-    def actuations(self) -> list[TendonActuation]:
-        """The robots in the system."""
-        return [robot.actuation for robot in self.robots]
-
-    @property
     def point_loads(self) -> list[Any]:
         """The concentrated loads on all robots."""
         return [load for robot in self.robots for load in robot.point_loads]
-
-    def robot(self, actuation: TendonActuation) -> RobotInScene:
-        """The robot of an actuation."""
-        return next(each for each in self.robots if each.actuation is actuation)
 
     @staticmethod
     def has(mbs: exu.MainSystem, actuation: TendonActuation) -> bool:
@@ -197,7 +149,7 @@ class SceneHooks:
         if not isinstance(hooks, SceneHooks):
             return False
         hooks._check_counts()
-        return any(each is actuation for each in hooks.actuations)
+        return actuation in hooks.robots
 
     def _check_counts(self) -> None:
         """`_check_items` where items were added or deleted since."""
@@ -211,12 +163,12 @@ class SceneHooks:
         present = [robot for robot in changed if not removed(robot.items, mbs)]
         if present:
             raise ValueError(
-                f"robot {present[0].actuation.name!r}: its items have other numbers in the system than when it was "
+                f"robot {present[0].name!r}: its items have other numbers in the system than when it was "
                 "made, because items were deleted; delete items before CreateTDCR, or build the system again"
             )
         self.robots = [robot for robot in self.robots if robot not in changed]
         if item_counts(mbs)["Sensor"] != self._counts["Sensor"]:
-            drawn = [spring for each in self.actuations for spring in each.connectors.drawn]
+            drawn = [spring for each in self.robots for spring in each.connectors.drawn]
             _refuse_force_sensors(mbs, drawn)
         self._counts = item_counts(mbs)
 
@@ -248,8 +200,8 @@ class SceneHooks:
 
         actuation.attach(forces, jacobian)
         nodes = (actuation.nodes[0], actuation.nodes[-1], *actuation.history_nodes.nodes[-1:])
-        items = item_names(self.system.mbs, Object=[actuation.connectors.forces], Node=nodes)
-        self.robots.append(RobotInScene(actuation, items))
+        actuation.items = item_names(self.system.mbs, Object=[actuation.connectors.forces], Node=nodes)
+        self.robots.append(actuation)
 
     def adopt(self, mbs: exu.MainSystem) -> None:
         """Install the function after every step; one that the user has set since is called from it."""
@@ -259,7 +211,7 @@ class SceneHooks:
         # None is there before the first call, and where the user has taken all functions away.
         self._users_post_step = present
         # A run that ended within a step may have been the last one, unseen.
-        for actuation in self.actuations:
+        for actuation in self.robots:
             actuation.attempt = None
         mbs.SetPostStepUserFunction(self._own_post_step)
 
@@ -286,7 +238,7 @@ class SceneHooks:
         ValueError
             Names the function and the robot.
         """
-        for actuation in self.actuations:
+        for actuation in self.robots:
             if actuation.motors:
                 raise ValueError(
                     f"{function}: a tendon of robot {actuation.name!r} is wound by a motor (add_motor); "
@@ -295,12 +247,12 @@ class SceneHooks:
 
     def _after_step(self, mbs: exu.MainSystem, t: float) -> bool:
         self._check_counts()
-        self._step_sizes.check(mbs, t, [robot.actuation.mesh for robot in self.robots])
+        self._step_sizes.check(mbs, t, [robot.mesh for robot in self.robots])
         for robot in self.robots:
             robot.refuse_apart(mbs, t)
             for observe in robot.observers:
                 observe(t)
-            robot.actuation.commit_scene(t)
+            robot.commit_scene(t)
             for load in robot.point_loads:
                 load.applied = load.value
         return True if self._users_post_step is None else bool(self._users_post_step(mbs, t))

@@ -27,8 +27,7 @@ import numpy as np
 from tdcr_fe.elements import Array
 from tdcr_fe.elements.backbone import BackboneMesh, relative_twists, strain_matrices
 from tdcr_fe.elements.capstan import TensionField
-from tdcr_fe.elements.friction import TendonLaw
-from tdcr_fe.elements.hysteresis import FrictionState
+from tdcr_fe.elements.native.condensation import ElasticTendons
 from tdcr_fe.elements.native.coordinates import NodeCoordinates, generalized_tangent, twists_by_coordinates
 from tdcr_fe.elements.poses import ONES3
 from tdcr_fe.elements.section_forces import DIFFERENCE, add_element_tangent, nodal_sum, wrench_tangent
@@ -92,29 +91,16 @@ class HoleIterate(NamedTuple):
 
     @classmethod
     def of(
-        cls,
-        law: TendonLaw,
-        base_tension: Array,
-        shape: CableShape,
-        state: FrictionState,
-        time: float,
-        before: HoleIterate | None = None,
-        keep: bool = False,
+        cls, tendons: ElasticTendons, shape: CableShape, before: HoleIterate | None = None, keep: bool = False
     ) -> HoleIterate:
         """Tensions in a configuration; the law must be `TendonLaw.simple`.
 
         Parameters
         ----------
-        law
-            How tension passes along the tendons.
-        base_tension
-            [N], shape (m,).
+        tendons
+            In the step.
         shape
             The configuration.
-        state
-            History of friction at the beginning of the step.
-        time
-            At its end [s].
         before
             The iterate before, from which holes that have saturated since are linearised by the secant; None is the
             derivative of the law.
@@ -122,6 +108,7 @@ class HoleIterate(NamedTuple):
             Whether holes stick and slide as at the beginning. The law of friction is taken nevertheless where it
             agrees, and where that is of no use: tensions below zero, or more than doubled.
         """
+        law, state = tendons.model.law, tendons.history.friction
         trial = law.hysteresis.trial(law.slips(law.parameters.lengths - shape.lengths), state)
         limited = _limited(trial)
         if keep:
@@ -129,13 +116,13 @@ class HoleIterate(NamedTuple):
             sticks = np.abs(start) < 1.0
             beyond = np.where(sticks, trial - start, 0.0)
             if (np.where(sticks, trial, start) != limited).any():
-                field = law.field(base_tension, shape, start, state, time)
+                field = law.field(tendons.values, shape, start, state, tendons.time)
                 tension = field.tension + (field.by_mobilisation @ beyond[..., None])[..., 0]
                 if ((tension >= 0.0) & (tension <= 2.0 * field.tension)).all():
                     field = law.with_slopes(field, lambda: sticks, trial, state)
                     return cls(trial, replace(field, tension=tension), kept=True)
         last = trial if before is None else before.trial
-        field = law.field(base_tension, shape, limited, state, time)
+        field = law.field(tendons.values, shape, limited, state, tendons.time)
         return cls(trial, law.with_slopes(field, lambda: _secants(last, trial), trial, state))
 
 

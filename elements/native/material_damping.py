@@ -22,6 +22,7 @@ import numpy as np
 
 from tdcr_fe.elements import Array
 from tdcr_fe.elements.backbone import BackboneMesh, relative_twists, strain_matrices
+from tdcr_fe.elements.native.coordinates import NodeMotion
 from tdcr_fe.elements.poses import exp_se3
 
 
@@ -67,7 +68,7 @@ class MaterialDamping:
         for damper, damping in zip(self.dampers, viscosity(mesh, self.retardation), strict=True):
             mbs.SetObjectParameter(damper, "damping", np.diag(damping))
 
-    def dissipated(self, mesh: BackboneMesh, start: tuple[Array, ...], end: tuple[Array, ...]) -> float:
+    def dissipated(self, mesh: BackboneMesh, start: NodeMotion, end: NodeMotion) -> float:
         """Energy dissipated in a step [J]: mean stress times the change of the twist, over all elements.
 
         Parameters
@@ -75,10 +76,9 @@ class MaterialDamping:
         mesh
             With the present stiffness.
         start, end
-            Positions [m], rotations, velocities in world axes [m/s] and angular velocities in own axes [rad/s] of the
-            nodes, shapes (N, 3), (N, 3, 3), (N, 3) and (N, 3).
+            Motion of the nodes.
         """
-        (before, first), (after, last) = (twists_and_rates(*each) for each in (start, end))
+        (before, first), (after, last) = map(twists_and_rates, (start, end))
         stress = 0.5 * viscosity(mesh, self.retardation) * (first + last)
         return float(np.sum(stress * (after - before)))
 
@@ -90,12 +90,8 @@ def viscosity(mesh: BackboneMesh, retardation: Array) -> Array:
     return found
 
 
-def twists_and_rates(
-    positions: Array, rotations: Array, linear: Array, angular: Array
-) -> tuple[Array, Array]:
-    """Twists of the elements and their rates [m/s, rad/s], shape (E, 6) each; arguments as in `dissipated`."""
-    twists = relative_twists(positions, rotations)
-    own = (rotations.swapaxes(1, 2) @ linear[:, :, None])[:, :, 0]
-    moving = np.concatenate((own, angular), axis=1)
-    both = np.concatenate((moving[:-1], moving[1:]), axis=1)
+def twists_and_rates(motion: NodeMotion) -> tuple[Array, Array]:
+    """Twists of the elements and their rates [m/s, rad/s], shape (E, 6) each."""
+    twists = relative_twists(motion.positions, motion.rotations)
+    both = np.concatenate((motion.twists[:-1], motion.twists[1:]), axis=1)
     return twists, (strain_matrices(twists) @ both[:, :, None])[:, :, 0]

@@ -106,14 +106,12 @@ class SceneForces:
                 return before
             iterate = before.holes
         positions, rotations, parameters = self._coordinates.poses(coordinates.reshape(-1, 7))
-        model, values, holes = tendons.model, tendons.values, None
-        measured = model.measure(positions, rotations)
+        measured, holes = tendons.model.measure(positions, rotations), None
         if iterated:
-            friction, t = history.friction, tendons.time
             # A step that is tried again with another size was not solved so.
-            keep = before is None and self._by_tangent and t > friction.time
-            holes = HoleIterate.of(model.law, values, measured.shape, friction, t, iterate, keep)
-            forces = TendonForces(model, measured, values, holes.field)
+            keep = before is None and self._by_tangent and tendons.time > history.friction.time
+            holes = HoleIterate.of(tendons, measured.shape, iterate, keep)
+            forces = TendonForces(tendons.model, measured, tendons.values, holes.field)
         else:
             start = history.base_tension
             # Tensions of an iterate that diverged may be nan, from which no iteration returns.

@@ -22,7 +22,7 @@ from tdcr_fe.model.observed_step import ObservedChange, ObservedStep
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.linearization import BorderedFactors
 from tdcr_fe.solve.sensitivities.linear_response import Disturbance, SolvedPoint
-from tdcr_fe.solve.sensitivities.robot_model import ExplicitDerivatives, Inherited, RobotPoint
+from tdcr_fe.solve.sensitivities.robot_model import ExplicitDerivatives, Inherited
 from tdcr_fe.solve.simulation import Simulation
 
 #: Holes that stick, or tendons that are taut, with a probability less than this slip or are slack [1].
@@ -217,20 +217,16 @@ def _disturbance(
     first = m + 6 * len(loaded)
     found = Disturbance.none(own, first + k + explicit.arc_lengths.shape[1])
     found.inputs[:, :m] = np.eye(m)
-    configuration = state.configuration
-    positions, rotations = configuration.poses[0]
     for j, node in enumerate(loaded):
-        turn, start = rotations[node].T, m + 6 * j
+        turn, start = own.measured.poses[1][node].T, m + 6 * j
         found.wrenches[6 * node : 6 * node + 3, start : start + 3] = turn
         found.wrenches[6 * node + 3 : 6 * node + 6, start + 3 : start + 6] = turn
     found.slip[(*np.nonzero(sticks), first + np.arange(k))] = 1.0
     if count := explicit.arc_lengths.shape[1]:
         history, none = state.friction[0], np.zeros((*sticks.shape, count))
         rate = np.zeros(sticks.shape) if history.slip_rate is None else history.slip_rate
-        solved = configuration.twists[0], state.base_tension[0], state.mobilisation[0]
-        point = RobotPoint(positions, rotations, *solved)
         still = Inherited(none, none, np.zeros(count), np.zeros(count))
-        values = explicit.at(own, point, rate, (history.time, state.time), still)
+        values = explicit.at(own, state.mobilisation[0], rate, (history.time, state.time), still)
         found.wrenches[:, first + k :] = values.wrenches.reshape(-1, count)
         found.tension[..., first + k :] = values.tension
         found.released[..., first + k :] = values.released

@@ -23,7 +23,7 @@ Table = Mapping[str, Mapping[str, float]]
 def observation_effects(result: IdentificationResult) -> list[str]:
     """Effects that act on the measurement only; a scenario cannot have them."""
     changed = _changed(result, result.effects_table)
-    return [name for name in result.effects_table if "observation" in changed[name]]
+    return [name for name in result.effects_table if "observation" in changed.get(name, ())]
 
 
 def _changed(result: IdentificationResult, table: Table) -> dict[str, set[str]]:

@@ -131,7 +131,7 @@ def CreateTDCR(
         raise ValueError(f"loadPositions: {outside[0]:g} m; the backbone spans 0 to {length:g} m")
     pose = base_pose(mbs, referencePosition, referenceRotationMatrix, baseMarker)
     name, hooks = name or robot.name, SceneHooks.of(mbs)
-    if name in (actuation.name for actuation in hooks.actuations):
+    if name in (actuation.name for actuation in hooks.robots):
         raise ValueError(f"the system has a robot {name!r} already; give another name")
     mesh, rigid = build_mesh(robot, model, loadPositions)
     drawn = parts.BACKBONE_COLOR if color is None else color

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import exudyn as exu
 import exudyn.itemInterface as eii
@@ -21,7 +21,7 @@ from tdcr_fe.elements.backbone import BEAM_TO_SECTION, BackboneMesh, relative_tw
 from tdcr_fe.elements.forces import TendonForces
 from tdcr_fe.elements.native.actuation import TendonActuation
 from tdcr_fe.elements.native.condensation import at_rest
-from tdcr_fe.elements.native.coordinates import NodeCoordinates, twists_by_coordinates
+from tdcr_fe.elements.native.coordinates import NodeMotion
 from tdcr_fe.elements.native.items import data_coordinates
 from tdcr_fe.elements.native.material_damping import MaterialDamping
 from tdcr_fe.elements.poses import log_so3
@@ -38,28 +38,7 @@ _SUMS = ("tendon_work", "load_work", "friction_dissipation", "material_dissipati
 ENERGY_COLUMNS = (*_STORED, *_SUMS)
 
 
-# ---------------------------------------------------------------- motion and inertia
-
-
-class NodeMotion(NamedTuple):
-    """Nodes of a robot at one time."""
-
-    coordinates: Array  # without reference values, shape (7 N,); so are the next
-    velocities: Array
-    positions: Array  # shape (N, 3)
-    rotations: Array  # shape (N, 3, 3)
-    linear: Array  # velocities of the positions in world axes, shape (N, 3)
-    angular: Array  # angular velocities in the nodes' own axes, shape (N, 3)
-
-    @classmethod
-    def of(cls, mbs: exu.MainSystem, nodes: NodeCoordinates, configuration: Any) -> NodeMotion:
-        """In one of Exudyn's configurations of a system."""
-        data, numbers = mbs.systemData, nodes.numbers
-        moved = np.asarray(data.GetODE2Coordinates(configuration))[numbers]
-        rates = np.asarray(data.GetODE2Coordinates_t(configuration))[numbers]
-        positions, rotations, parameters = nodes.poses(moved)
-        twists = (twists_by_coordinates(rotations, parameters) @ rates[:, :, None])[:, :, 0]
-        return cls(moved.ravel(), rates.ravel(), positions, rotations, rates[:, :3], twists[:, 3:])
+# ---------------------------------------------------------------- inertia
 
 
 @dataclass(frozen=True)
@@ -95,8 +74,9 @@ class Masses:
 
     def kinetic(self, motion: NodeMotion) -> float:
         """Kinetic energy [J]: velocities are linear between the nodes, as in Exudyn's beams."""
-        found = np.sum(self.of_nodes[:, None] * motion.linear**2) + np.sum(self.inertia * motion.angular**2)
-        for of_elements, v in ((self.of_elements[:, None], motion.linear), (self.rotary, motion.angular)):
+        linear, angular = motion.velocities[:, :3], motion.twists[:, 3:]
+        found = np.sum(self.of_nodes[:, None] * linear**2) + np.sum(self.inertia * angular**2)
+        for of_elements, v in ((self.of_elements[:, None], linear), (self.rotary, angular)):
             near, far = v[:-1], v[1:]
             found += np.sum(of_elements * (near**2 + near * far + far**2)) / 3.0
         return 0.5 * float(found)
@@ -162,7 +142,6 @@ class EnergySums:
 
     def __post_init__(self) -> None:
         self._system = self.actuation.system
-        self._coordinates = NodeCoordinates(self._system, self.actuation.nodes)
         #: By which the static solver multiplied loads and weight at the end of the last step [1].
         self._load_factor = 1.0
         sums = {"numberOfDataCoordinates": len(_SUMS), "initialCoordinates": [0.0] * len(_SUMS)}
@@ -171,7 +150,7 @@ class EnergySums:
 
     def measure(self, *arguments: Any) -> list[float]:
         """All columns in the current configuration, see `ENERGY_COLUMNS` [J], as a function of a sensor of Exudyn."""
-        motion = NodeMotion.of(self._system.mbs, self._coordinates, _CURRENT)
+        motion = NodeMotion.of(self.actuation.node_coordinates, _CURRENT)
         robot = self.actuation
         tendons = robot.elastic_tendons(robot.base_tension, robot.state.time)
         resting = at_rest(tendons.elastic, self._measured(motion), tendons.history)
@@ -189,7 +168,7 @@ class EnergySums:
         """
         mbs = self._system.mbs
         factor_before, self._load_factor = self._load_factor, static_load_factor(mbs)
-        begin, finish = (NodeMotion.of(mbs, self._coordinates, which) for which in (_START, _CURRENT))
+        begin, finish = (NodeMotion.of(self.actuation.node_coordinates, x) for x in (_START, _CURRENT))
         if np.array_equal(begin.coordinates, finish.coordinates):
             return
         start = self._forces(begin, mbs.systemData.GetTime(_START), _START)
@@ -199,16 +178,14 @@ class EnergySums:
         factors = np.array([factor_before, self._load_factor])
         load_work = 0.0
         for load in self.loads.values():
-            value, moved = load.value, _moved(self.actuation.nodes.index(load.node), begin, finish)
-            acting = 0.5 * (factors @ [load.applied, value]) if statics else value
-            load_work += _load_work(load, acting, moved)
+            acting = 0.5 * (factors @ [load.applied, load.value]) if statics else load.value
+            load_work += _load_work(load, acting, self.actuation.nodes.index(load.node), begin, finish)
         if statics:  # the part of the weight that the static solver does not apply yet
             risen = self.masses.potential(finish.positions) - self.masses.potential(begin.positions)
             load_work += (1.0 - factors.mean()) * risen
         material = 0.0
         if self.damping is not None:
-            ends = ((m.positions, m.rotations, m.linear, m.angular) for m in (begin, finish))
-            material = self.damping.dissipated(self.actuation.mesh, *ends)
+            material = self.damping.dissipated(self.actuation.mesh, begin, finish)
         sums = self._sums()
         sums += [tendon_work, load_work, friction, material]
 
@@ -226,20 +203,15 @@ class EnergySums:
         return self.actuation.model.measure(motion.positions, motion.rotations)
 
 
-def _moved(k: int, begin: NodeMotion, finish: NodeMotion) -> tuple[Array, Array, Array]:
-    """Way, rotation vector in world axes, and mean rotation matrix of the section of a node."""
-    first, last = begin.rotations[k], finish.rotations[k]
-    turned = first @ log_so3(first.T @ last)
-    return finish.positions[k] - begin.positions[k], turned, 0.5 * (first + last) @ BEAM_TO_SECTION.T
-
-
-def _load_work(load: PointLoad, value: Array, moved: tuple[Array, Array, Array]) -> float:
-    """Work of a concentrated load that is constant in a step, in its own frame [J]."""
-    way, turned, mean_rotation = moved
+def _load_work(load: PointLoad, value: Array, k: int, begin: NodeMotion, finish: NodeMotion) -> float:
+    """Work of a concentrated load on a node that is constant in a step, in its own frame [J]."""
     force, moment = value.reshape(2, 3)
+    first, last = begin.rotations[k], finish.rotations[k]
     if load.frame == "section":
+        mean_rotation = 0.5 * (first + last) @ BEAM_TO_SECTION.T
         force, moment = mean_rotation @ force, mean_rotation @ moment
-    return float(force @ way + moment @ turned)
+    turned = first @ log_so3(first.T @ last)
+    return float(force @ (finish.positions[k] - begin.positions[k]) + moment @ turned)
 
 
 def static_load_factor(mbs: exu.MainSystem) -> float:

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import exudyn as exu
 import exudyn.itemInterface as eii
 
-from tdcr_fe.elements.native.hooks import SceneHooks, round_off
+from tdcr_fe.elements.native.hooks import round_off
 from tdcr_fe.elements.native.scene_forces import Motor
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.schema import Keys, Quantity, check_arguments
@@ -135,9 +135,10 @@ class TDCR(AssembledRobot):
         """
         if name in self.loads:
             raise ValueError(f"robot {self.name!r} has a load {name!r} already")
+        self._need_robot()
         node = self.nNodes[self.mesh.node_at(at, 1e-6)]
         self.loads[name] = add_point_load(self.actuation.system, node, self.name, name, frame)
-        SceneHooks.of(self.mbs).robot(self.actuation).add_load(self.loads[name])
+        self.actuation.add_load(self.loads[name])
         return self.loads[name]
 
     def add_motor(self, tendon: str, inertia: float, radius: float) -> Any:
@@ -318,9 +319,10 @@ class TDCR(AssembledRobot):
         storeInternal
             Keep the values in memory.
         """
+        self._need_robot()
         masses = Masses.of(self.robot, self.mesh, self.model.gravity)
         sums = EnergySums(self.actuation, masses, self.damping, self.loads)
-        SceneHooks.of(self.mbs).robot(self.actuation).add_observer(sums.observe, sums.node)
+        self.actuation.add_observer(sums.observe, sums.node)
         maker = SensorMaker(self.mbs, self.name, fileName, storeInternal)
         self.sensors |= maker.of_function("energy", sums.measure)
         return self.sensors["energy"]
@@ -380,4 +382,4 @@ class TDCR(AssembledRobot):
 
     def reset(self) -> None:
         """Reset the friction history of all holes to that of a robot that was never loaded."""
-        self.actuation.reset()
+        self.actuation.history_nodes.reset()

@@ -173,13 +173,13 @@ def TDCRLinearized(
     hooks = _checked_hooks("TDCRLinearized", mbs, holes)
     mass, stiffness, damping, basis = _matrices(mbs, hooks, holes)
     columns, names = [], []
-    for robot in hooks.actuations:
+    for robot in hooks.robots:
         forces = np.zeros((len(basis), robot.law.shape[0]))
         forces[robot.coordinates.reshape(-1)] = robot.forces_by_inputs(holes == "stuck")
         columns.append(forces)
         names += [mbs.GetNode(node)["name"].removesuffix(".history") for node in robot.history_nodes.nodes]
     inputs = basis.T @ np.hstack(columns)
-    driven = np.concatenate([robot.drives.winds for robot in hooks.actuations])
+    driven = np.concatenate([robot.drives.winds for robot in hooks.robots])
     outputs = _outputs(mbs, sensors, basis)
     return LinearSystem(mass, damping, stiffness, inputs, tuple(names), driven, outputs, basis)
 
@@ -190,7 +190,7 @@ def _checked_hooks(function: str, mbs: exu.MainSystem, holes: Holes) -> SceneHoo
     if holes not in ("stuck", "sliding"):
         raise ValueError(f"{function}: holes = {holes!r}; must be 'stuck' or 'sliding'")
     hooks = SceneHooks.of(mbs)
-    if not hooks.actuations:
+    if not hooks.robots:
         raise ValueError("no robot in this system; add one with CreateTDCR")
     if not mbs.systemIsConsistent:
         raise ValueError("the system is not assembled; call mbs.Assemble()")
@@ -206,7 +206,7 @@ def _matrices(mbs: exu.MainSystem, hooks: SceneHooks, holes: Holes) -> tuple[Arr
     data, initial = mbs.systemData, exu.ConfigurationType.Initial
     present, before = data.GetSystemState(), data.GetSystemState(initial)
     data.SetSystemState(present, initial)
-    for robot in hooks.actuations:
+    for robot in hooks.robots:
         robot.holes = holes
     try:
         with hooks.without_post_step():
@@ -225,7 +225,7 @@ def _matrices(mbs: exu.MainSystem, hooks: SceneHooks, holes: Holes) -> tuple[Arr
         left_out = (kernel.exudyns_jacobian() - kernel.jacobian(loads=True))[:n2, :n2]
         stiffness = stiffness + free @ left_out @ free.T
     finally:
-        for robot in hooks.actuations:
+        for robot in hooks.robots:
             robot.holes = "present"
         data.SetSystemState(before, initial)
         data.SetSystemState(present)

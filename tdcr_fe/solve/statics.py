@@ -92,7 +92,7 @@ def SolveTDCR(
     hooks = SceneHooks.of(mbs)
     _check_sensitivities(hooks, sensitivities)
     hooks.refuse_motors("SolveTDCR")
-    if not all(robot.connected for robot in hooks.actuations):
+    if not all(robot.connected for robot in hooks.robots):
         raise ValueError(
             "SolveTDCR: it is solving already, and was called from a user function of the system (such as PreStep); "
             "call it before or after"
@@ -116,7 +116,7 @@ def _check_sensitivities(hooks: SceneHooks, sensitivities: Any) -> None:
     check_instance("SolveTDCR", "sensitivities", sensitivities, (list, tuple), hint)
     for each in sensitivities:
         check_instance("SolveTDCR", "an entry of sensitivities", each, SensitivityHistory, hint)
-        if each.handle.actuation not in hooks.actuations:
+        if each.handle.actuation not in hooks.robots:
             raise ValueError(f"SolveTDCR: robot {each.handle.name!r} of sensitivities is not in the system")
         each.refuse_others()
 

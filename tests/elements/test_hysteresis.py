@@ -1,6 +1,7 @@
 """Laws of what happens at a hole as the tendon slips: closed forms along one hole, whole robots, and scenes."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from two_tendons import ANGLES, LENGTHS, tendon_law
 from tdcr_fe import Backbone, Disks, HelicalRouting, Load, LoadStep, ParallelRouting, Robot, Tendon
 from tdcr_fe.elements.friction import FRICTION_MODELS
 from tdcr_fe.elements.hysteresis import HYSTERESES, Dahl, FrictionState
+from tdcr_fe.elements.native.condensation import ElasticTendons
 from tdcr_fe.elements.native.iterated import HoleIterate
 from tdcr_fe.elements.tendons import CableShape
 from tdcr_fe.model.loading import SolverSettings
@@ -42,7 +44,9 @@ def test_the_loop_of_dahl_is_its_closed_form(amplitude):
     area = np.sum(0.5 * (closed[1][1:] + closed[1][:-1]) * np.diff(closed[0], axis=0), axis=0)
     assert area == pytest.approx(4.0 * delta * (amplitude - np.tanh(amplitude)), rel=1e-5)
     lengths[0, 3] -= amplitude * delta
-    iterate = HoleIterate.of(law, base, CableShape(lengths, ANGLES), state, 0.0, None)
+    robot, history = SimpleNamespace(law=law), SimpleNamespace(friction=state)
+    tendons = ElasticTendons(robot, np.zeros(2, dtype=bool), history, base, 0.0)
+    iterate = HoleIterate.of(tendons, CableShape(lengths, ANGLES))
     expected = law.evaluate(base, CableShape(lengths, ANGLES), state).tension
     assert iterate.field.tension == pytest.approx(expected, rel=1e-12)
 

@@ -36,7 +36,7 @@ def test_the_tangent_is_the_derivative_of_the_forces(case):
     _keep, _mbs, handle = scene(robot, **model)
     handle.set_tensions([1.0, 0.4, 0.2][: len(robot.tendons)])
     actuation, rng = handle.actuation, np.random.default_rng(1)
-    reference = actuation._node_coordinates.reference
+    reference = actuation.node_coordinates.reference
     for size in (1e-7, 1e-4, 1e-2):
         there = reference + size * rng.normal(size=reference.shape)
         there[:, 3:] /= np.linalg.norm(there[:, 3:], axis=1)[:, None]

@@ -71,4 +71,4 @@ def test_noise_has_no_ceiling_below_itself():
 def test_result_and_report_say_how_much_can_be_removed():
     found = result(GRAVITY, ceiling=Misfit(1.7e-4, None, 4e-4, 1.0))
     assert found.to_json()["ceiling"]["held_out"]["rms_position"] == 1.7e-4
-    assert any("leaves 0.17\N{NO-BREAK SPACE}mm on" in text for text in sentences(found))
+    assert any("leaves 0.17\N{NO-BREAK SPACE}mm" in text for text in sentences(found))

@@ -264,7 +264,7 @@ def test_a_path_is_taken_to_another_mesh_with_the_twist_of_the_backbone():
             assert len(fine) == 3 * len(coarse)
             np.testing.assert_allclose(fine.sum(axis=0), coarse.sum(axis=0), atol=1e-12)
             np.testing.assert_array_equal(a.state.mobilisation[0], b.state.mobilisation[0])
-    along, free = simulated(finer, 1e-4, (moved,)), simulated(finer, 1e-4)
+    along, free = simulated(finer, 1e-4, moved), simulated(finer, 1e-4)
     np.testing.assert_allclose(along.positions, free.positions, atol=1e-5)
 
 

@@ -6,7 +6,17 @@ import numpy as np
 import pytest
 from identify_data import BY_ROW, FRICTIONAL, GRAVITY, MODEL, ROBOT, data_of, measured, positions, sequence
 from scipy.signal import lfilter
-from searches import begun, causes_of, declared, problem_of, read_as_predicted, searching, starting, state_of
+from searches import (
+    begun,
+    causes_of,
+    declared,
+    problem_of,
+    read_as_predicted,
+    searching,
+    starting,
+    state_of,
+    time_ends_with,
+)
 
 from tdcr_fe import LoadStep, NonlinearMaterial, ParallelRouting, StribeckFriction, Tendon, effect, simulate
 from tdcr_fe.effects import Experiment
@@ -19,6 +29,8 @@ from tdcr_fe.identify.forward import Job
 from tdcr_fe.identify.problem import Fit, evaluate
 from tdcr_fe.identify.screening import Score, screen
 from tdcr_fe.identify.search import Proposal, backward_selection, exchange, scores_beside, search_causes
+from tdcr_fe.identify.search_state import in_time
+from tdcr_fe.identify.settings import Part
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.routing import MisplacedRouting
 
@@ -187,10 +199,12 @@ def test_other_forms_of_an_effect_are_evaluated_where_its_first_comes_near(monke
     scores = [Score.refused(effect(name), own.best, "") for name in names]
     proposals = [Proposal(own.best, score, k) for k, score in enumerate(scores)]
 
-    def evaluated(_, found):
-        return [replace(own.best, free=(), cost=costs[x.criterion]) for x in found]
+    def begun(_, x):
+        yield from ()
+        cost = costs[x.criterion]
+        return search._Evaluated(x, replace(own.best, free=(), cost=cost), cost, cost)
 
-    monkeypatch.setattr(search, "_begun", evaluated)
+    monkeypatch.setattr(search, "_begun", begun)
     own = replace(own, fits={frozenset(): replace(own.best, cost=1e4)})
     found = search._evaluated(own, proposals)
     assert [f.proposal.criterion for f in found] == [0, 2, 3, 4]
@@ -229,13 +243,13 @@ def test_candidates_are_fitted_until_one_improves_held_out_steps(monkeypatch, fi
         now = [replace(state.best, effects=x.effects, cost=1e3 + x.criterion, residual=other) for x in found]
         return [search._Evaluated(x, f, f.cost, f.cost) for x, f in zip(found, now, strict=True)]
 
-    def fit_of(problem, now, predicted, race):
+    def fit_of(problem, now, race, predicted):
         fitted.append(now.names[0])
         yield from ()
         return replace(now, held_cost=held[now.names[0]])
 
     monkeypatch.setattr(search, "_evaluated", evaluated)
-    monkeypatch.setattr(search, "_fitted", fit_of)
+    monkeypatch.setattr(fitting, "fitted", fit_of)
     search.fit_proposals(searching(), state, pool)
     assert fitted == names[:count]
 
@@ -264,11 +278,13 @@ def test_a_misplaced_tendon_is_told_by_its_kind_and_place():
 
 
 def test_a_search_that_is_late_keeps_its_model_and_notes_what_it_has_not_tried(monkeypatch):
-    state = begun(measured({**GRAVITY, "precurvature": {"kappa_x": 0.9, "kappa_y": -0.7}}))
+    """Two effects are missing; when the first is fitted the time is over."""
+    state = begun(measured({**GRAVITY, "precurvature": {"kappa_x": 0.9, "kappa_y": -0.7}})).ending_at(1e6)
     few = tuple(effect(name) for name in ("gravity", "precurvature", "actuator_gain"))
     monkeypatch.setattr(search, "dictionary", lambda problem, bays: few)
-    state = search_causes(searching(deadline=0.0), state)
-    assert len(state.best.effects) >= 1 and state.log.not_tried
+    late = replace(searching(), report=lambda text, share: time_ends_with(text, "round 2", monkeypatch))
+    state = in_time(late, state, search_causes, Part.FURTHER_EFFECTS)
+    assert len(state.best.effects) == 1 and state.log.not_tried == (Part.FURTHER_EFFECTS,)
 
 
 def test_a_cause_found_on_some_of_the_rows_is_the_same_on_all():

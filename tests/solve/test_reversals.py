@@ -61,8 +61,8 @@ class LinearSlips:
         change = self._matrix[0] - self._matrix[1]
         load = (1.0 - x) * self._load[0] + x * self._load[1] + change @ (z - self._start)
         still, none = np.zeros(len(tension)), np.zeros((len(z), len(tension)))
-        given = (load, self.elastic_slip, np.zeros(0, dtype=bool), still, none, none, np.zeros((0, 0)))
-        derivatives = SlipDerivatives(*given, np.zeros(len(z), dtype=bool), self.matrix(x).T.copy(), none)
+        given = (load, self.elastic_slip, np.zeros(0, dtype=bool), still, none)
+        derivatives = SlipDerivatives(*given, self.matrix(x).T.copy())
         return SlipState(tension, self.slip(x, z), derivatives)
 
     def matrix(self, x):

@@ -61,7 +61,7 @@ WRONG_FILES = [
     (HEAD + '[output]\nquantities = ["tipx"]', 'output.quantities[0] = "tipx": unknown; did you mean tip_x'),
     (HEAD + "[output]\nsteps = [2]", 'sweep.toml: output.steps = [2]: must be "last", "all", or'),
     (HEAD + "[workspace]\nlargest = 2.0", "sweep.toml: workspace.count: missing"),
-    (HEAD + "[workspace]\nlargest = { t1 = 2.0, t9 = 1.0 }\ncount = 3", "t9 = 1.0}: unknown tendon t9"),
+    (HEAD + "[workspace]\nlargest = { t1 = 2.0, t9 = 1.0 }\ncount = 3", "t9 = 1.0 }: unknown tendon t9"),
     (vary("robot", 'values = ["robot.toml"]'), 'vary[0].key = "robot": unknown key; must begin with one of'),
 ]  # fmt: skip
 

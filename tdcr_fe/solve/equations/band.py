@@ -37,12 +37,10 @@ class BandParts(NamedTuple):
     """Where the parts of the tangent lie in a band; all are views of `data`."""
 
     data: Array  # The band, column by column
-    itself: Array  # (N, 6, 6): Forces on every node by its own motion
-    after: Array  # (N-1, 6, 6): Forces on every node by the motion of the next one
-    before: Array  # (N-1, 6, 6): Forces on the next node by the motion of this one
-    disk: Array  # (n+1, 6, 6): Forces on every node with holes by its own motion
-    next_disk: Array  # (n, 6, 6): Forces on every node with holes by the motion of the next such node
-    previous_disk: Array  # (n, 6, 6): Forces on the next node with holes by the motion of this one
+    # (N, 6, 6) and twice (N-1, 6, 6): Forces on every node by its own motion and by that of the next one, and on the
+    # next one by its motion
+    nodes: tuple[Array, ...]
+    disks: tuple[Array, ...]  # (n+1, 6, 6) and twice (n, 6, 6): The same of the nodes with holes
     pulled: Array  # (n, 2, 6, m): Both ends of every segment by its tension
     tensions: Array  # (N, m): Tensions by themselves
     turned: Array  # (n-1, m, 3, 6): Transfer at the holes by the nodes before, at and behind them
@@ -108,17 +106,14 @@ class BandLayout:
             offset = 8 * (origin + row + column * (self.leading - 1))
             return np.ndarray(shape, float, data, offset, strides)
 
-        def blocks(row: int, column: int, count: int, spacing: int) -> Array:
-            return view(row, column, (count, 6, 6), (spacing, spacing), (1, 0), (0, 1))
+        def neighbours(count: int, spacing: int) -> tuple[Array, ...]:
+            places = (0, 0, count), (0, spacing, count - 1), (spacing, 0, count - 1)
+            return tuple(view(i, j, (k, 6, 6), (spacing, spacing), (1, 0), (0, 1)) for i, j, k in places)
 
         return BandParts(
             data,
-            itself=blocks(0, 0, nodes, size),
-            after=blocks(0, size, nodes - 1, size),
-            before=blocks(size, 0, nodes - 1, size),
-            disk=blocks(0, 0, n + 1, disk),
-            next_disk=blocks(0, disk, n, disk),
-            previous_disk=blocks(disk, 0, n, disk),
+            neighbours(nodes, size),
+            neighbours(n + 1, disk),
             pulled=view(0, 6, (n, 2, 6, m), (disk, disk), (disk, 0), (1, 0), (0, 1)),
             tensions=view(6, 6, (nodes, m), (size, size), (1, 1)),
             turned=view(disk + 6, 0, (n - 1, m, 3, 6), (disk, disk), (1, 0), (0, disk), (0, 1)),
@@ -139,17 +134,12 @@ class BandLayout:
         """
         n, m, to = self.segments, self.tendons, self.parts
         to.data.fill(0.0)
-        to.itself[...] = backbone.itself
-        to.after[...] = backbone.after
-        to.before[...] = backbone.after.swapaxes(1, 2)
-
         lines, at_hole = forces.measured.shape.lines, forces.field.hole_slopes
         assert at_hole is not None
         holes = lines.stiffness(forces.field.tension, forces.pulls)
-        np.add(to.disk, holes.itself, out=to.disk)
-        np.add(to.next_disk, holes.after, out=to.next_disk)
-        np.add(to.previous_disk, holes.after.swapaxes(1, 2), out=to.previous_disk)
-
+        for views, found in ((to.nodes, backbone), (to.disks, holes)):
+            for own, block in zip(views, (*found, found.after.swapaxes(1, 2)), strict=True):
+                own += block
         rows = lines.segments[:, :, 3].reshape(n, m, 2, 6)
         np.negative(rows.transpose(0, 2, 3, 1), out=to.pulled)
         to.tensions[...] = 1.0
@@ -158,7 +148,7 @@ class BandLayout:
             np.multiply(by_angle, lines.turns.reshape(n - 1, m, 3, 6), out=to.turned)
             np.negative(at_hole.by_tension.T, out=to.passed)
         if clamped:
-            to.itself[0], to.after[0], to.next_disk[0], to.pulled[0, 0] = EYE6, 0.0, 0.0, 0.0
+            to.nodes[0][0], to.nodes[1][0], to.disks[1][0], to.pulled[0, 0] = EYE6, 0.0, 0.0, 0.0
         return to.data.copy().reshape(len(to.data) // self.leading, self.leading).T
 
 

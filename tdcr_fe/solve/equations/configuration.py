@@ -202,10 +202,6 @@ class ConfigurationSpace:
             written, chains, poses, whole.positions, whole.parameters, whole.frames, measured
         )
 
-    def nodes_of(self, configuration: Configuration, robot: int) -> Array:
-        """Coordinates of a robot's nodes as in Exudyn, shape (N, 7)."""
-        return np.asarray(configuration.unknowns.coordinates[self._beam[self.slices[robot]]])
-
     def move(
         self, start: Configuration, step: Array, chains: Sequence[ElementChain], max_turn: float
     ) -> tuple[Configuration, float]:

@@ -64,7 +64,7 @@ class StaticKernel:
         settings.timeIntegration.generalizedAlpha.computeInitialAccelerations = False
         self._mbs = mbs
         self._settings = settings
-        own = [i for robot in hooks.actuations for i in robot.history_nodes.coordinate_numbers()]
+        own = [i for robot in hooks.robots for i in robot.history_nodes.coordinate_numbers()]
         self.contact = ContactStates(mbs, own, settings)
         self.triangles = TriangleContact(mbs)
         self._kernel = self._initialised(hooks)

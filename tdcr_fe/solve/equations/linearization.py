@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import isfinite
 from typing import NamedTuple
 
@@ -11,7 +12,7 @@ from scipy.linalg.lapack import dgetrf, dgetrs
 from tdcr_fe.elements import Array, Flags, Index
 from tdcr_fe.elements.backbone import BackboneMesh, ElementChain, NodeStiffness
 from tdcr_fe.elements.complementarity import positive_definite_near, solve_box
-from tdcr_fe.elements.forces import TendonForces
+from tdcr_fe.elements.forces import SlipEquations, TendonForces
 from tdcr_fe.solve.equations.band import BandFactors
 from tdcr_fe.solve.equations.configuration import SolverState, Target
 from tdcr_fe.solve.equations.kernel import Residual
@@ -75,20 +76,10 @@ class BorderedFactors(NamedTuple):
         numpy.linalg.LinAlgError
             The matrix is singular.
         """
-        count = numbering.linear - numbering.reduced
-        columns = np.zeros((numbering.reduced, count), order="F")
-        rows, own, slack = np.zeros((count, numbering.reduced)), np.zeros(count), np.zeros(count, dtype=bool)
-        for part in numbering.robots:
-            which, at = part.driven, residual.forces[part.robot]
-            here = slice(part.tensions.start - numbering.reduced, part.tensions.stop - numbering.reduced)
-            slips = at.slip_equations(holes=False)
-            columns[part.nodes, here] = slips.columns[:, which]
-            rows[here, part.nodes], own[here] = slips.rows[which], slips.matrix.diagonal()[which]
-            slack[here] = at.base_tension[which] <= 0.0
-        columns[numbering.clamped] = 0.0
-        response = inner.solve(columns)
-        schur = np.diag(own) - rows @ response
-        return cls(inner, response, rows, schur, slack, _border(schur, slack))
+        slips = joined_slips(numbering, residual.forces, holes=False)
+        response, slack = inner.solve(slips.columns), numbering.at_driven(residual.state.base_tension) <= 0.0
+        schur = slips.matrix - slips.rows @ response
+        return cls(inner, response, slips.rows, schur, slack, _border(schur, slack))
 
     def with_slack(self, slack: Flags) -> BorderedFactors:
         """The factors with another set of slack tendons; raises as `of`."""
@@ -134,6 +125,21 @@ class BorderedFactors(NamedTuple):
     def sign(self) -> int:
         """See `DenseFactors.sign`."""
         return self.inner.sign * self.border.sign
+
+
+def joined_slips(numbering: Numbering, forces: Sequence[TendonForces], holes: bool) -> SlipEquations:
+    """Slip equations of all robots: of the unknown tensions at the base, then with ``holes`` of the mobilisations."""
+    count = (numbering.total if holes else numbering.linear) - numbering.reduced
+    columns = np.zeros((numbering.reduced, count), order="F")
+    found = SlipEquations(np.zeros((count, numbering.reduced)), np.zeros((count, count)), columns)
+    for part in numbering.robots:
+        slips = forces[part.robot].slip_equations(holes)
+        own = np.append(part.driven, np.arange(len(part.frictional), len(slips.matrix)))
+        here = np.r_[part.tensions, part.mobilisations][: len(own)] - numbering.reduced
+        found.rows[here, part.nodes], columns[part.nodes, here] = slips.rows[own], slips.columns[:, own]
+        found.matrix[np.ix_(here, here)] = slips.matrix[np.ix_(own, own)]
+    columns[numbering.clamped] = 0.0
+    return found
 
 
 def _border(schur: Array, slack: Flags) -> DenseFactors:
@@ -212,13 +218,10 @@ class Linearization(NamedTuple):
     solved: SolvedStep | None = None  # The step that ended here, where the next one may be predicted from it
 
     @property
-    def slack(self) -> tuple[Flags, ...]:
-        """By robot, which of the tendons with prescribed displacement are slack; empty where there are none."""
+    def slack(self) -> Flags:
+        """Which of all tendons with prescribed displacement are slack, see `Numbering.at_driven`."""
         factors = self.factorisation
-        if not isinstance(factors, BorderedFactors):
-            return ()
-        first, places = self.numbering.reduced, [part.tensions for part in self.numbering.robots]
-        return tuple(factors.slack[own.start - first : own.stop - first] for own in places)
+        return factors.slack if isinstance(factors, BorderedFactors) else np.zeros(0, dtype=bool)
 
     def response(self, changes: tuple[Array, ...]) -> Array:
         """Change of the unknowns with the inputs, shape (linear,); the same tendons stay slack.
@@ -229,12 +232,10 @@ class Linearization(NamedTuple):
             By robot, of the tensions [N] and displacements [m], shape (m,).
         """
         right = np.zeros(self.numbering.linear)
+        right[self.numbering.reduced :] = np.where(self.slack, 0.0, self.numbering.at_driven(changes))
         for part in self.numbering.robots:
-            free = changes[part.robot]
-            if part.driven.size:
-                right[part.tensions] = np.where(self.slack[part.robot], 0.0, free[part.driven])
-                free = free.copy()
-                free[part.driven] = 0.0
+            free = changes[part.robot].copy()
+            free[part.driven] = 0.0
             right[part.nodes] = -(self.forces[part.robot].base_tension_columns() @ free)
         right[self.numbering.clamped] = 0.0
         return self.factorisation.solve(right)
@@ -271,10 +272,12 @@ class Linearization(NamedTuple):
         inputs
             By robot, prescribed tensions [N] and displacements [m], shape (m,).
         """
-        factors = self.factorisation
+        factors, pick = self.factorisation, self.numbering.at_driven
         if not isinstance(factors, BorderedFactors):
             return self, factors.solve(-unbalanced)
-        gap, tension = self._gaps(forces, inputs)
+        # By how much displacements exceed those prescribed [m].
+        gap = pick([own.field.base_slip - given for own, given in zip(forces, inputs, strict=True)])
+        tension = pick([own.base_tension for own in forces])
         start = factors.inner.solve(-unbalanced)
         at_zero = gap + factors.rows @ start - factors.schur @ tension
         new, solved = solve_box(factors.schur, -at_zero, tension, 0.0, np.inf)
@@ -282,11 +285,6 @@ class Linearization(NamedTuple):
             new, _ = solve_box(positive_definite_near(factors.schur), -at_zero, tension, 0.0, np.inf)
         linear = self._replace(factorisation=factors.with_slack(new == 0.0))
         return linear, factors.at_tensions(start, new - tension)
-
-    def _gaps(self, forces: tuple[TendonForces, ...], inputs: tuple[Array, ...]) -> tuple[Array, Array]:
-        """By how much displacements exceed those prescribed [m], and the tensions of these tendons [N], (k,) each."""
-        gaps = [own.field.base_slip - given for own, given in zip(forces, inputs, strict=True)]
-        return self.numbering.at_driven(gaps), self.numbering.at_driven([own.base_tension for own in forces])
 
     def twist_changes(self, step: Array) -> Array:
         """Change of the twists of all elements with the unknowns of equilibrium, to first order."""

@@ -66,7 +66,7 @@ class SceneSystem:
     def __init__(self, mbs: exu.MainSystem) -> None:
         self.mbs = mbs
         self.hooks = SceneHooks.of(mbs)
-        self.robots: list[TendonActuation] = self.hooks.actuations
+        self.robots: list[TendonActuation] = self.hooks.robots
         if not self.robots:
             raise ValueError("no robot in this system; add one with CreateTDCR before solving")
         if not mbs.systemIsConsistent:
@@ -78,7 +78,6 @@ class SceneSystem:
         self._user_residual = self.hooks.user_function("PreNewtonResidual")
         self.layout = SceneLayout.of(self.robots, self.point_loads, with_clamps=True)
         self.reactions = ClampReactions.of(mbs, self.layout)
-        self._numberings: dict[tuple[object, ...], Numbering] = {}  # One takes 2 % of a load step
 
     def independent(self) -> list[SceneSystem]:
         """Systems of robots that nothing couples, each to be solved by itself; this one where there are none.
@@ -114,12 +113,8 @@ class SceneSystem:
 
         For the current driving of the tendons; ``by_tension``: number of a robot whose tensions are taken as given.
         """
-        winds = [robot.drives.winds for robot in self.robots]
-        key = (self.layout, with_friction, by_tension, *[own.tobytes() for own in winds])
-        if key not in self._numberings:
-            own = [wound & (i != by_tension) for i, wound in enumerate(winds)]
-            self._numberings[key] = Numbering.of(self.layout, own, with_friction)
-        return self._numberings[key]
+        winds = [robot.drives.winds & (i != by_tension) for i, robot in enumerate(self.robots)]
+        return Numbering.of(self.layout, winds, with_friction)
 
     # ------------------------------------------------------------------ states
 
@@ -185,8 +180,7 @@ class SceneSystem:
         if not forces:
             forces = self.forces(state, state.time)
         for i, robot in enumerate(self.robots):
-            nodes = self.layout.space.nodes_of(state.configuration, i)
-            robot.store(state.friction[i].anew, state.prescribed[i], forces[i], nodes)
+            robot.store(state.friction[i].anew, state.prescribed[i], forces[i])
         for item, load in zip(self.point_loads, state.loads, strict=True):
             item.applied = load
             item.keep()
@@ -224,6 +218,7 @@ class SceneSystem:
         numbering: Numbering,
         iteration: int = 0,
         hold_contact: bool = False,
+        forces: tuple[TendonForces, ...] = (),
     ) -> Residual:
         """Residual of a state under a target.
 
@@ -239,11 +234,22 @@ class SceneSystem:
             Number of the iteration, passed to the user's ``PreNewtonResidual`` function.
         hold_contact
             Whether contact acts where it acted in the last residual, not where this state would have it.
+        forces
+            By robot, in that state; none computes them.
         """
         layout = self.layout
-        self._write(state, target, iteration, hold_contact)
-        forces = self.forces(state, target.time)
-        raw, unbalanced = self._balance(state, target, forces)
+        layout.space.write(state.configuration)
+        if not hold_contact:
+            self.kernel.contact.follow()
+        if self._user_residual is not None:
+            self._user_residual(self.mbs, target.time, iteration, 0)
+        forces = forces or self.forces(state, target.time)
+        for robot in self.robots:
+            robot.disconnect()
+        raw = self.kernel.residual() if self._lone is None else self._lone.residual(target)
+        unbalanced = layout.reduction.residual(raw, state.configuration.frames)
+        for nodes, own in zip(layout.space.slices, forces, strict=True):
+            unbalanced[6 * nodes.start : 6 * nodes.stop] += own.nodal_wrenches.reshape(-1)
         on_bases = unbalanced[numbering.clamped]
         unbalanced[numbering.clamped] = 0.0
         size = layout.scales.relative_residual(unbalanced, state.base_tension, target.load_size)
@@ -252,38 +258,6 @@ class SceneSystem:
                 own, displacement = forces[part.robot], target.inputs[part.robot]
                 size = max(size, layout.scales.displacement_error(own, displacement, part.driven))
         return Residual(state, target, forces, unbalanced, on_bases, raw, size)
-
-    def unbalanced(
-        self, state: SolverState, target: Target, forces: tuple[TendonForces, ...], numbering: Numbering
-    ) -> Array:
-        """The reduced residual of a state under a target, where the forces of the robots in that state are known."""
-        self._write(state, target)
-        _, found = self._balance(state, target, forces)
-        found[numbering.clamped] = 0.0
-        return found
-
-    def _write(
-        self, state: SolverState, target: Target, iteration: int = 0, hold_contact: bool = False
-    ) -> None:
-        """Write a state into the scene; arguments as of `residual`."""
-        self.layout.space.write(state.configuration)
-        if not hold_contact:
-            self.kernel.contact.follow()
-        if self._user_residual is not None:
-            self._user_residual(self.mbs, target.time, iteration, 0)
-
-    def _balance(
-        self, state: SolverState, target: Target, forces: tuple[TendonForces, ...]
-    ) -> tuple[Array, Array]:
-        """Exudyn's residual of the state in the scene, and the reduced one with the forces of the robots."""
-        layout = self.layout
-        for robot in self.robots:
-            robot.disconnect()
-        raw = self.kernel.residual() if self._lone is None else self._lone.residual(target)
-        unbalanced = layout.reduction.residual(raw, state.configuration.frames)
-        for nodes, own in zip(layout.space.slices, forces, strict=True):
-            unbalanced[6 * nodes.start : 6 * nodes.stop] += own.nodal_wrenches.reshape(-1)
-        return raw, unbalanced
 
     @property
     def has_contact(self) -> bool:

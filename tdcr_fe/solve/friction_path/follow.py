@@ -26,7 +26,6 @@ from tdcr_fe.solve.friction_path.rates import (
     PathUnknowns,
     Rates,
     SlipState,
-    columns_of,
     distance_to_event,
     sides,
     solve_rates,
@@ -277,7 +276,7 @@ def projected(
     while free.size:
         here = new[free]
         drift = state.slip[free] - state.derivatives.elastic_slip[free] * here - constraints.complement[free]
-        columns = columns_of(state.derivatives, free)
+        columns = some_rows(state.derivatives.columns, free)
         moved = here + solved_transposed(some_columns(columns, free), drift)
         inside = np.minimum(np.maximum(moved, unknowns.lower[free]), unknowns.upper[free])
         if not again:
@@ -454,7 +453,7 @@ def _fraction_before_reversal(
     # The rates just before its end, where nothing had turned or come to a bound.
     rates, free = state.derivatives.by_load, (path.side[i] == 0.0).nonzero()[0]
     if free.size:
-        columns = columns_of(state.derivatives, free)
+        columns = some_rows(state.derivatives.columns, free)
         rates = rates - solved_transposed(some_columns(columns, free), rates[free]).dot(columns)
     after = np.maximum(-direction * rates[turned], 0.0)
     # Just beyond the zero of the rate, so that the slip has turned there.

@@ -94,7 +94,7 @@ def sides(unknowns: PathUnknowns, z: Array) -> Array:
 
 
 class SlipDerivatives(NamedTuple):
-    """Derivatives of the slips at a load factor; those by an unknown are computed when first used."""
+    """Derivatives of the slips at a load factor."""
 
     # (n,): Derivatives of the slips, and of minus the slack, by the load factor at fixed unknowns [m]
     by_load: Array
@@ -103,15 +103,11 @@ class SlipDerivatives(NamedTuple):
     # (i,): Flags that change where the derivatives of the tensions jump; none where they never do
     branches: Flags
     tension_by_load: Array  # (q,): Derivatives of the tensions of the segments by the load factor [N]
-    direct: Array  # (n, q): Derivatives of the tensions by the unknowns at fixed turning angles [N, 1]
-    by_tension: Array  # (n, q): Derivatives of the slips by the tensions of the segments [m/N]
-    # (q, q): Inverse of the identity less the derivatives of the tensions by themselves through the turning angles
-    turning: Array
-    missing: Flags  # (n,): Unknowns whose derivatives were not used yet
-    # (n, n): Row by row, minus the derivatives of the complements by one of the unknowns, see `columns_of`
+    tensions: Array  # (n, q): Derivatives of the tensions by the unknowns [N, 1]
+    # (n, n): Row by row, minus the derivatives of the complements by one of the unknowns. For a hole presliding
+    # distance times identity, minus the derivatives of the slips by its mobilisation [m]; for a tendon minus those by
+    # its tension [m/N]
     columns: Array
-    # (n, q): Derivatives of the tensions by the unknowns [N, 1], of those whose columns were computed
-    tensions: Array
 
 
 class SlipState(NamedTuple):
@@ -120,25 +116,6 @@ class SlipState(NamedTuple):
     tension: Array  # (q,): Of the segments [N]
     slip: Array  # (n,): At the frictional holes, then minus the slack [m]
     derivatives: SlipDerivatives
-
-
-@compilable
-def columns_of(derivatives: SlipDerivatives, which: Index) -> Array:
-    """Minus the derivatives of the complements by some of the unknowns, in ascending order, shape (i, n).
-
-    One unknown a row. For a hole presliding distance times identity, minus the derivatives of the slips by its
-    mobilisation [m]; for a tendon minus those by its tension [m/N].
-    """
-    new = which[derivatives.missing[which]]
-    if new.size:
-        columns, n = derivatives.columns, len(derivatives.missing)
-        tensions = some_rows(derivatives.direct, new).dot(derivatives.turning.T)
-        columns[new] = -tensions.dot(derivatives.by_tension.T)
-        diagonal = columns.reshape(-1)[:: n + 1]
-        diagonal[new] += derivatives.elastic_slip[new]
-        derivatives.tensions[new] = tensions
-        derivatives.missing[new] = False
-    return some_rows(derivatives.columns, which)
 
 
 @compilable
@@ -152,7 +129,7 @@ def with_changed(state: SlipState, which: Index, columns: Array, change: Array) 
     which
         Numbers of the unknowns.
     columns
-        Their `columns_of`.
+        Their rows of `SlipDerivatives.columns`.
     change
         Their changes [1, N], shape (i,).
     """
@@ -198,7 +175,7 @@ def solve_rates(derivatives: SlipDerivatives, side: Array, slack: Array, unknown
         free = (active == 0.0).nonzero()[0]
         rate, complement = np.zeros(count), load
         if free.size:
-            columns = columns_of(derivatives, free)
+            columns = some_rows(derivatives.columns, free)
             rate[free] = of_free = solved_transposed(some_columns(columns, free), load[free])
             complement = load - of_free.dot(columns)
         violated = active * complement < -unknowns.tolerance

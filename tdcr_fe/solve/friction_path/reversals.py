@@ -10,7 +10,6 @@ import numpy as np
 from tdcr_fe.elements import Array
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.friction_path.follow import FrictionPath, follow_friction
-from tdcr_fe.solve.friction_path.rates import columns_of
 from tdcr_fe.solve.friction_path.response import KnownStates
 from tdcr_fe.solve.friction_path.slips import InterpolatedSlips, Intervals
 from tdcr_fe.solve.friction_path.transfer import tension_transfer
@@ -27,7 +26,7 @@ class EndResponse(NamedTuple):
     """Response of the end of a substep to the friction there, with the tendons slack and taut as they are."""
 
     known: KnownStates  # Solved states of the substep, its end among them
-    # (k, k): Minus the derivatives of the plastic slips by the mobilisations, see `SlipState.columns` [m]
+    # (k, k): Minus the derivatives of the plastic slips by the mobilisations, see `SlipDerivatives.columns` [m]
     matrix: Array
     columns: Array  # (unknowns, k): Derivatives of the unknowns of the reduced scene by the mobilisations
 
@@ -38,11 +37,11 @@ class EndResponse(NamedTuple):
         base = end.driven_tension[taut.driven]
         z = np.append(end.mobilisation[taut.holes], base)
         last = slips.at(1.0, z, taut.tensions(end)).derivatives
-        every, pulled = np.arange(k), k + np.flatnonzero(base > 0.0)
-        matrix, tensions = columns_of(last, every).T, last.tensions[:k].T
+        pulled = k + np.flatnonzero(base > 0.0)
+        matrix, tensions = last.columns[:k].T, last.tensions[:k].T
         if pulled.size:
             # Tendons driven by displacement that are taut keep their length: their tensions follow.
-            columns = columns_of(last, pulled).T
+            columns = last.columns[pulled].T
             follow = -np.linalg.solve(columns[pulled], matrix[pulled])
             tensions = tensions + last.tensions[pulled].T @ follow
             matrix = matrix + columns @ follow

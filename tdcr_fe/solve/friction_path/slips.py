@@ -206,16 +206,10 @@ def slips_at(slips: InterpolatedSlips, factor: float, z: Array, tension: Array) 
     rate = fixed_rates + change.dot(off) / length
     slip = values[:n] + by_tension.dot(off)
     tension_by_load = turned.dot(passed.by_angle.dot(rate[n:]) + passed.by_load)
-    derivatives = SlipDerivatives(
-        rate[:n] + by_tension.dot(tension_by_load),
-        slips.elastic_slip,
-        branches_at(slips.transfer, z, passed.tension),
-        tension_by_load,
-        passed.by_unknown,
-        by_tension,
-        turned,
-        np.ones(n, dtype=np.bool_),
-        np.empty((n, n)),
-        np.empty(by_tension.shape),
-    )
-    return SlipState(tension, slip, derivatives)
+    tensions = passed.by_unknown.dot(turned.T)
+    columns = -tensions.dot(by_tension.T)
+    columns.reshape(-1)[:: n + 1] += slips.elastic_slip
+    by_load = rate[:n] + by_tension.dot(tension_by_load)
+    branches = branches_at(slips.transfer, z, passed.tension)
+    given = by_load, slips.elastic_slip, branches, tension_by_load, tensions, columns
+    return SlipState(tension, slip, SlipDerivatives(*given))

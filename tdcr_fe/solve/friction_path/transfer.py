@@ -55,10 +55,6 @@ class CapstanTransfer(NamedTuple):
     holes_before: Array  # (q, r): Ones where a hole comes before a segment, on the way from the base
     friction: Array  # (r,): Coefficients of friction of the holes [1]
     incidence: Array  # (k, r): From the mobilisations to the holes
-    # (k, q): Ones where the hole of a mobilisation comes before a segment; no rows where any acts at several
-    # holes
-    behind: Array
-    at_hole: Index  # (k,): The hole of each mobilisation; none where any acts at several
     # (q,): Tension at the base of the segment's tendon at the start of the substep, zero where it is unknown [N]
     base_tension: Array
     base_change: Array  # (q,): Its change in the substep, zero where it is unknown [N]
@@ -80,10 +76,7 @@ class CapstanTransfer(NamedTuple):
             base.append(given.repeat(n, axis=1))
         before, from_mobilisations = block_diagonal(holes_before), block_diagonal(incidence)
         at_base, (first, last) = block_diagonal(base_of_segment), np.concatenate(base, axis=1)
-        single = bool(((from_mobilisations != 0.0).sum(axis=1) == 1).all())
-        at_hole = from_mobilisations.argmax(axis=1) if single else np.zeros(0, dtype=int)
-        behind, mu = np.ascontiguousarray(before.T[at_hole]), np.concatenate(friction)
-        return cls(before, mu, from_mobilisations, behind, at_hole, first, last - first, at_base)
+        return cls(before, np.concatenate(friction), from_mobilisations, first, last - first, at_base)
 
 
 def block_diagonal(blocks: Sequence[Array]) -> Array:
@@ -127,11 +120,7 @@ def capstan_tensions(transfer: CapstanTransfer, factor: float, z: Array, angles:
     by_angle = acting * transfer.holes_before
     by_angle *= negative.reshape(-1, 1)
     by_unknown = np.empty((len(z), len(tension)))
-    if transfer.at_hole.size:
-        by_unknown[:holes] = exponent[transfer.at_hole].reshape(-1, 1) * transfer.behind
-    else:
-        by_unknown[:holes] = (exponent * transfer.incidence).dot(transfer.holes_before.T)
-    by_unknown[:holes] *= negative
+    by_unknown[:holes] = (exponent * transfer.incidence).dot(transfer.holes_before.T) * negative
     if holes < len(z):
         by_unknown[holes:] = transfer.base_of_segment * ratio
     return Tensions(tension, by_angle, by_unknown, ratio * transfer.base_change)

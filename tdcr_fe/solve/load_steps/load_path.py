@@ -198,6 +198,20 @@ class SolvedPath:
     # Whether the state at its end is known to be unstable; this is examined in contact and with buckled bays
     unstable: bool = False
 
+    @classmethod
+    def of(cls, result: NewtonResult, substep: SolvedSubstep) -> SolvedPath:
+        """A converged solve as one substep."""
+        return cls(
+            result.state,
+            substep.load_factor,
+            result.forces,
+            result.linearization,
+            (substep,),
+            result.iterations,
+            residual=result.residual,
+            unstable=result.unstable,
+        )
+
     @property
     def substeps(self) -> int:
         """Number of accepted substeps."""
@@ -227,26 +241,6 @@ class SolvedPath:
             snapped=self.snapped or other.snapped,
             refinement_error=self.refinement_error + other.refinement_error,
         )
-
-
-def one_substep(
-    result: NewtonResult,
-    load_factor: float,
-    history: tuple[FrictionState, ...],
-    presliding_factor: float = 1.0,
-    located: LocatedReversals | None = None,
-) -> SolvedPath:
-    """A converged solve as one substep; arguments as the fields of `SolvedSubstep`."""
-    return SolvedPath(
-        result.state,
-        load_factor,
-        result.forces,
-        result.linearization,
-        (SolvedSubstep(load_factor, result.state, history, presliding_factor, located),),
-        result.iterations,
-        residual=result.residual,
-        unstable=result.unstable,
-    )
 
 
 class Position(NamedTuple):

@@ -13,7 +13,7 @@ import numpy as np
 
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.friction_path.response import Equilibrium
-from tdcr_fe.solve.load_steps.load_path import LocatedReversals, SolvedPath, StepFailed, one_substep
+from tdcr_fe.solve.load_steps.load_path import LocatedReversals, SolvedPath, SolvedSubstep, StepFailed
 from tdcr_fe.solve.load_steps.substep import SubstepSolver
 from tdcr_fe.solve.newton.newton import NewtonResult, with_unknowns_of
 
@@ -71,7 +71,8 @@ class Trial(NamedTuple):
     def accepted(self) -> SolvedPath:
         """The path with it."""
         history = self.before.friction if self.located is None else self.located.history
-        path = one_substep(self.result, self.end, history, located=self.located)
+        substep = SolvedSubstep(self.end, self.result.state, history, located=self.located)
+        path = SolvedPath.of(self.result, substep)
         path = replace(path, rejected=self.rejected, refinement_error=self.error, end=self.final)
         return self.begin.then(path)
 
@@ -113,15 +114,14 @@ def solved(solver: SubstepSolver, path: SolvedPath, proposal: Proposal, ahead: i
     ahead
         How many others are proposed after it.
     """
-    before, substeps = path.state, path.substeps + ahead + 1
-    spent = 0
+    substeps, spent = path.substeps + ahead + 1, 0
     if proposal.warm_start is not None:
-        result = solver.solve(with_unknowns_of(proposal.warm_start, before), proposal.end, None, before)
+        result = solver.solve(path, proposal.end, with_unknowns_of(proposal.warm_start, path.state))
         if result.converged:
             beside = proposal.warm_start if proposal.judged else None
             return Trial(solver, path, proposal.end, substeps, result, from_start=False, beside=beside)
         spent = result.iterations
-    result = solver.solve(before, proposal.end, path.linearization, before)
+    result = solver.solve(path, proposal.end)
     return Trial(solver, path, proposal.end, substeps, result, rejected=spent)
 
 

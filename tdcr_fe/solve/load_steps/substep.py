@@ -11,9 +11,9 @@ import numpy as np
 from tdcr_fe.elements import Array, Flags
 from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.solve.equations.configuration import SolverState, Target
-from tdcr_fe.solve.equations.linearization import Linearization, input_changes
+from tdcr_fe.solve.equations.linearization import input_changes
 from tdcr_fe.solve.equations.system import SceneSystem
-from tdcr_fe.solve.load_steps.load_path import Ramp, SolvedPath, StepFailed, one_substep
+from tdcr_fe.solve.load_steps.load_path import Ramp, SolvedPath, SolvedSubstep, StepFailed
 from tdcr_fe.solve.newton.convergence import NewtonStatus
 from tdcr_fe.solve.newton.newton import NewtonResult, newton
 from tdcr_fe.solve.newton.prediction import predict
@@ -65,19 +65,17 @@ class SubstepSolver:
     settings: SolverSettings
     deadline: float = math.inf  # No further substep begins after it, see `Simulation.advance` [s]
 
-    def solve(
-        self, state: SolverState, load_factor: float, linearization: Linearization | None, start: SolverState
-    ) -> NewtonResult:
-        """Solve at a load factor, from a guess, a substep that begins in the state `start`."""
-        system, settings, before = self.system, self.settings, linearization
-        target = self.ramp.apply(system, load_factor)
+    def solve(self, begin: SolvedPath, end: float, guess: SolverState | None = None) -> NewtonResult:
+        """Solve a substep up to a load factor, from a guess; None is predicted, or where the substep begins."""
+        system, settings, start, before = self.system, self.settings, begin.state, begin.linearization
+        target = self.ramp.apply(system, end)
         changes, first = input_changes(start, target), None
-        if before is not None:
-            first = predict(system, state, target, changes, before, settings)
-        result = newton(system, state if first is None else first.state, target, settings)
+        if guess is None and before is not None:
+            first = predict(system, start, target, changes, before, settings)
+        result = newton(system, guess or (first or begin).state, target, settings)
         if first is not None and not result.converged:
             spent, first = result.iterations, None
-            result = newton(system, state, target, settings)
+            result = newton(system, start, target, settings)
             result = result._replace(iterations=result.iterations + spent)
         # Where a prediction takes no iteration, the linearisation is that of the step before.
         linear = result.linearization if first is None else result.linearization or before
@@ -175,7 +173,7 @@ class SubstepSolver:
             result = newton(self.system, guess, target, self.settings, damped=True, softening=factor)
             result = self._unless_wrong(result, state, may_jump=True)
             if result.converged:
-                path = one_substep(result, end, state.friction, factor)
+                path = SolvedPath.of(result, SolvedSubstep(end, result.state, state.friction, factor))
                 snapped = self.distance(result.state, state) > SNAP
                 return replace(path, rejected=spent, snapped=snapped)
             spent += result.iterations

@@ -68,7 +68,9 @@ def known_states(
             # What is left of the change of the loads, seen from every state; from the last one, back to the start.
             other, factor = (span[0], -1.0) if x == 1.0 else (span[1], 1.0 / (1.0 - x))
             target = solver.ramp.apply(solver.system, other)
-            load = factor * solver.system.unbalanced(at.state, target, at.forces, at.numbering)
+            load = (
+                factor * solver.system.residual(at.state, target, at.numbering, forces=at.forces).unbalanced
+            )
         points.append(InterpolationPoint(x, at, SegmentResponse.of(at, taut.numbers, load)))
     start, end = (solver.ramp.apply(solver.system, factor) for factor in span)
     return KnownStates(span, (start, end), taut, tuple(points))
@@ -204,7 +206,7 @@ def _located(trial: Trial, known: KnownStates, found: Reversals, allowed: float)
         if not found.path.complete:
             break
         guess = found.of(with_unknowns_of(trial.result.state, trial.before))
-        result = solver.solve(guess, trial.end, known.end.linearization, trial.before)
+        result = solver.solve(trial.begin, trial.end, guess)
         if not result.converged:
             return trial._replace(rejected=trial.rejected + result.iterations)
         located = LocatedReversals(known, found.path, found.of(trial.before).friction)
@@ -387,5 +389,5 @@ def _rates(
         return inputs, None
     far = max(known.span, key=lambda end: abs(end - load_factor))
     target = solver.ramp.apply(solver.system, far)
-    unbalanced = solver.system.unbalanced(point.state, target, point.forces, point.numbering)
-    return inputs, unbalanced / (far - load_factor)
+    residual = solver.system.residual(point.state, target, point.numbering, forces=point.forces)
+    return inputs, residual.unbalanced / (far - load_factor)

@@ -33,11 +33,6 @@ class NewtonStatus(Enum):
     SINGULAR = "the tangent is singular: something in the scene moves freely"
     NOT_FINITE = "the residual is not a number"
 
-    @property
-    def converged(self) -> bool:
-        """Whether there is a solution."""
-        return self is NewtonStatus.CONVERGED
-
 
 class Unmet(NamedTuple):
     """A condition of a solution that is not met."""

@@ -33,7 +33,7 @@ class NewtonResult(NamedTuple):
     @property
     def converged(self) -> bool:
         """Whether there is a solution."""
-        return self.status.converged
+        return self.status is NewtonStatus.CONVERGED
 
     def reason(self, settings: SolverSettings) -> str:
         """In words, how the solve ended, with its residuals."""
@@ -128,7 +128,8 @@ def _iterate(problem: NewtonProblem, residual: Residual) -> NewtonResult:
 
     def end(status: NewtonStatus, unmet: Unmet | None = None) -> NewtonResult:
         linear = None if step is None else step.linearization
-        final = _committed(problem, residual, linear) if status.converged else residual.state
+        solved = status is NewtonStatus.CONVERGED
+        final = _committed(problem, residual, linear) if solved else residual.state
         found = status, final, residual.size, iterations, unmet, residual.forces
         return NewtonResult(*found, linear, residual.target)
 

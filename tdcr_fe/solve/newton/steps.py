@@ -22,7 +22,7 @@ from tdcr_fe.model.loading import SolverSettings
 from tdcr_fe.solve.equations.configuration import SolverState
 from tdcr_fe.solve.equations.kernel import Residual
 from tdcr_fe.solve.equations.layout import Numbering
-from tdcr_fe.solve.equations.linearization import BorderedFactors, Linearization
+from tdcr_fe.solve.equations.linearization import BorderedFactors, Linearization, joined_slips
 from tdcr_fe.solve.equations.system import SceneSystem
 
 #: Largest damping, over the elastic force times the length: nothing moves any more [1].
@@ -76,9 +76,7 @@ class FrictionCoupling(NamedTuple):
     own: Array  # (k, k): Slips by the mobilisations [m]
 
     @classmethod
-    def of(
-        cls, numbering: Numbering, forces: Sequence[TendonForces], slack: Sequence[Flags]
-    ) -> FrictionCoupling:
+    def of(cls, numbering: Numbering, forces: Sequence[TendonForces], slack: Flags) -> FrictionCoupling:
         """Assemble the derivatives of all robots.
 
         Parameters
@@ -86,25 +84,14 @@ class FrictionCoupling(NamedTuple):
         numbering, forces
             As in `slip_changes`.
         slack
-            By robot, which of the tendons with prescribed displacement are slack.
+            Which of all tendons with prescribed displacement are slack, see `Linearization.slack`.
         """
-        count = numbering.total - numbering.linear
-        columns = np.zeros((numbering.linear, count), order="F")
-        rows = np.zeros((count, numbering.linear))
-        own = np.zeros((count, count))
-        for part in numbering.robots:
-            m, slips = len(part.frictional), forces[part.robot].slip_equations()
-            start, stop = part.mobilisations.start, part.mobilisations.stop
-            here = slice(start - numbering.linear, stop - numbering.linear)
-            columns[part.nodes, here], rows[here, part.nodes] = slips.columns[:, m:], slips.rows[m:]
-            own[here, here] = slips.matrix[m:, m:]
-            if part.driven.size:
-                by_base = slips.matrix[part.driven, m:]
-                by_base[slack[part.robot]] = 0.0
-                columns[part.tensions, here] = by_base
-                rows[here, part.tensions] = slips.matrix[m:, part.driven]
-        columns[numbering.clamped] = 0.0
-        return cls(columns, rows, own)
+        slips, first = joined_slips(numbering, forces, holes=True), numbering.linear - numbering.reduced
+        by_base, to_base = slips.matrix[:first, first:], slips.matrix[first:, :first]
+        by_base[slack] = 0.0
+        columns = np.concatenate((slips.columns[:, first:], by_base))
+        rows = np.concatenate((slips.rows[first:], to_base), axis=1)
+        return cls(columns, rows, slips.matrix[first:, first:])
 
     def response(
         self, solve: Callable[[Array], Array], which: Index, flexibility: Array
@@ -310,7 +297,7 @@ def advanced(problem: NewtonProblem, state: SolverState, step: NewtonStep) -> So
         pulled = np.maximum(pulled, 0.0)
         if fraction == 1.0:
             # Exactly: round-off in the tension of a slack tendon would count as a miss of its displacement.
-            pulled[np.concatenate(step.linearization.slack)] = 0.0
+            pulled[step.linearization.slack] = 0.0
         tension = numbering.with_driven(tension, pulled)
     slipped = change[numbering.linear :]
     if slipped.any():

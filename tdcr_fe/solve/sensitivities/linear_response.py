@@ -22,11 +22,11 @@ from tdcr_fe.model.results import LocalResponse
 from tdcr_fe.model.schema import check_instance
 from tdcr_fe.scene.handle import TDCR
 from tdcr_fe.solve.equations.configuration import SolverState, Target
-from tdcr_fe.solve.equations.layout import Numbering, RobotUnknowns
+from tdcr_fe.solve.equations.layout import Numbering
 from tdcr_fe.solve.equations.linearization import Linearization
 from tdcr_fe.solve.equations.system import SceneSystem
 from tdcr_fe.solve.newton.steps import FrictionCoupling
-from tdcr_fe.solve.sensitivities.robot_model import RobotPoint, TendonStack, Values, with_rates
+from tdcr_fe.solve.sensitivities.robot_model import TendonStack, Values, with_rates
 from tdcr_fe.solve.simulation import Simulation, one_thread
 
 
@@ -78,7 +78,6 @@ class Disturbance(NamedTuple):
 class SolvedPoint:
     """A solved state, linearised."""
 
-    system: SceneSystem
     numbering: Numbering
     state: SolverState  # With the history at the beginning of its increment
     forces: tuple[TendonForces, ...]  # By robot
@@ -138,7 +137,7 @@ class SolvedPoint:
             _flexibility(own.model.law.hysteresis.softened(softening), s, history, turns=all_stick)
             for own, s, history in by_robot
         )
-        return cls(system, numbering, state, forces, linearization, sticking, flexibility)
+        return cls(numbering, state, forces, linearization, sticking, flexibility)
 
     def respond(self, disturbances: tuple[Disturbance, ...], unbalanced: Array | None = None) -> Response:
         """Response to disturbances, one of each robot, and to a residual (reduced,) beside the last of them."""
@@ -153,10 +152,8 @@ class SolvedPoint:
 
         The shift follows from the motion, and the motion from the shift: one small linear system.
         """
-        own, configuration = self.forces[robot], self.state.configuration
-        poses, twists = configuration.poses[robot], configuration.twists[robot]
-        point = RobotPoint(*poses, twists, own.base_tension, own.field.mobilisation)
-        wrenches, tension, released = _by_shifts(own, point)
+        own = self.forces[robot]
+        wrenches, tension, released = _by_shifts(own)
         which = self.numbering.robots[robot].nodes.start + 6 * own.model.cable_nodes[:, None] + np.arange(6)
         which = which.ravel()
         disturbances = [Disturbance.none(x, len(which)) for x in self.forces]
@@ -177,8 +174,13 @@ class SolvedPoint:
         right = np.zeros((numbering.linear, count), order="F")
         if unbalanced is not None:
             right[: numbering.reduced, -1] -= unbalanced
-        for part, disturbance in zip(numbering.robots, disturbances, strict=True):
-            self._enter(right, part, disturbance)
+        for part, own, each in zip(numbering.robots, self.forces, disturbances, strict=True):
+            known = each.inputs.copy()
+            known[part.driven] = 0.0
+            right[part.nodes] -= each.wrenches + own.base_tension_columns() @ known
+        gap = numbering.at_driven([each.released.sum(axis=1) - each.inputs for each in disturbances])
+        gap[self.linearization.slack] = 0.0
+        right[numbering.reduced :] = -gap
         right[numbering.clamped] = 0.0
         unknowns = self.linearization.factorisation.solve(right)
         changes = [np.zeros((*x.shape, count)) for x in self.sticking]
@@ -203,20 +205,6 @@ class SolvedPoint:
             found.append(TendonChange(base, change, tension, released, slip))
         return found
 
-    def _enter(self, right: Array, part: RobotUnknowns, disturbance: Disturbance) -> None:
-        """Enter a robot's disturbance in the right sides, shape (linear, P)."""
-        own = self.forces[part.robot]
-        known = disturbance.inputs.copy()
-        known[part.driven] = 0.0
-        right[part.nodes] -= disturbance.wrenches
-        free = np.flatnonzero(known.any(axis=1))
-        if free.size:
-            right[part.nodes] -= own.base_tension_columns()[:, free] @ known[free]
-        if part.driven.size:
-            gap = disturbance.released.sum(axis=1)[part.driven] - disturbance.inputs[part.driven]
-            gap[self.linearization.slack[part.robot]] = 0.0
-            right[part.tensions] = -gap
-
     def _with_sticking(
         self, fixed: Array, tendons: Sequence[TendonChange], disturbances: tuple[Disturbance, ...]
     ) -> tuple[Array, list[Array]]:
@@ -237,14 +225,15 @@ class SolvedPoint:
         return fixed + columns @ change[which], list(changes)
 
 
-def _by_shifts(own: TendonForces, point: RobotPoint) -> Values:
+def _by_shifts(own: TendonForces) -> Values:
     """Change of the forces as the tendons shift in their holes, by body-frame increments of the nodes with holes.
 
     Everything else stays as it is. By central differences; the increments are the last axis.
     """
     geometry, law, which = own.model.geometry, own.model.law, own.model.cable_nodes
     assert geometry is not None
-    positions, rotations, count = point.positions[which], point.rotations[which], 6 * len(which)
+    positions, rotations = (x[which] for x in own.measured.poses)
+    count, mobilisation = 6 * len(which), own.field.mobilisation
     steps = DIFFERENCE * np.repeat((law.parameters.lengths[law.parameters.mask].min(), 1.0), 3)
     node, component = np.divmod(np.arange(count), 6)
     moved = np.zeros((2, count, len(which), 6))
@@ -252,12 +241,12 @@ def _by_shifts(own: TendonForces, point: RobotPoint) -> Values:
     moved[1] = -moved[0]
     along = positions + (rotations @ moved[..., :3, None])[..., 0]
     offsets = geometry.shifted(along, rotations + rotations @ skew(moved[..., 3:]))
-    rate = np.zeros_like(point.mobilisation) if own.field.slip_rate is None else own.field.slip_rate
+    rate = np.zeros_like(mobilisation) if own.field.slip_rate is None else own.field.slip_rate
     stack = TendonStack.with_offsets(own.model, offsets.reshape(-1, *offsets.shape[2:]))
-    values = stack.at(point, np.tile(rate, (2 * count, 1, 1)), which)
+    values = stack.at(own, mobilisation, np.tile(rate, (2 * count, 1, 1)))
     width = 2.0 * steps[component]
     pulled, tension, released = (np.moveaxis(x[:count] - x[count:], 0, -1) / width for x in values)
-    wrenches = np.zeros((len(point.positions), 6, count))
+    wrenches = np.zeros((len(own.measured.poses[0]), 6, count))
     wrenches[which] = pulled
     return with_rates(Values(wrenches, tension, released), own, rate, None)
 

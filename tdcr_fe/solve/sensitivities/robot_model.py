@@ -18,16 +18,17 @@ from scipy import sparse
 
 from tdcr_fe.effects import Experiment
 from tdcr_fe.elements import Array, Flags, Index
-from tdcr_fe.elements.backbone import strain_matrices
+from tdcr_fe.elements.backbone import BEAM_TO_SECTION, strain_matrices
 from tdcr_fe.elements.forces import ForceModel, StrainState, TendonForces
 from tdcr_fe.elements.friction import TendonLaw, TendonParameters
-from tdcr_fe.elements.hysteresis import FrictionState, Hysteresis
+from tdcr_fe.elements.hysteresis import FrictionState
 from tdcr_fe.elements.section_forces import SectionForces
 from tdcr_fe.elements.tendons import CableGeometry, CableShape
 from tdcr_fe.scene.base import BasePose
 from tdcr_fe.scene.energy import Masses
 from tdcr_fe.scene.forces import force_model
-from tdcr_fe.scene.mesh import build_mesh, softened
+from tdcr_fe.scene.handle import TDCR
+from tdcr_fe.scene.mesh import build_mesh, elements_of_bays, softened
 from tdcr_fe.solve.sensitivities.differences import Stencil, StructureChanged, stencil
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter, Parameter
 
@@ -43,41 +44,29 @@ class RobotModel:
     weight: Array  # (N, 3): Weight on every node, world axes [N]
 
     @classmethod
-    def of(
-        cls, experiment: Experiment, hysteresis: Hysteresis, base: BasePose | None, similar: RobotModel | None
-    ) -> RobotModel:
-        """Model from its description.
-
-        Parameters
-        ----------
-        experiment, base
-            As the attributes.
-        hysteresis
-            At the holes.
-        similar
-            Another model, of which the mesh is taken where it is the same; None where there is none.
-        """
-        robot, model = experiment.robot, experiment.model
-        if similar is not None and not _same_mesh(similar.experiment, experiment):
-            similar = None
-        if similar is None:
-            mesh, rigid = build_mesh(robot, model, load_positions(experiment))
-        else:
-            mesh, rigid = similar.forces.mesh, similar.rigid
-        forces = force_model(robot, model, mesh, rigid, hysteresis, base)
-        if similar is not None and robot.tendons == similar.experiment.robot.tendons:
-            forces = replace(forces, section=similar.forces.section)
-        weight = Masses.of(robot, mesh, model.gravity).weights()
-        return cls(experiment, base, forces, rigid, weight)
+    def of(cls, handle: TDCR, experiment: Experiment) -> RobotModel:
+        """The robot of a scene, whose backbone has not crept yet, as this experiment describes it."""
+        counts, clamp = elements_of_bays(handle.robot, handle.model), handle.actuation.clamp
+        base = None if clamp is None else BasePose(clamp.position, clamp.rotation @ BEAM_TO_SECTION.T)
+        experiment = replace(experiment, model=replace(experiment.model, elements_per_bay=counts))
+        weight = Masses.of(handle.robot, handle.mesh, handle.model.gravity).weights()
+        return cls(experiment, base, handle.actuation.model, handle.rigid, weight)
 
     def beside(self, experiment: Experiment) -> RobotModel:
         """Model of a neighbouring description, with as many elements in every bay; this one where it is the same."""
-        own = self.experiment
+        own, robot = self.experiment, experiment.robot
         model = replace(experiment.model, elements_per_bay=own.model.elements_per_bay)
         experiment = replace(experiment, model=model)
-        if experiment.robot is own.robot and model == own.model and _same_mesh(own, experiment):
+        mesh, rigid, same = self.forces.mesh, self.rigid, _same_mesh(own, experiment)
+        if robot is own.robot and model == own.model and same:
             return self
-        return RobotModel.of(experiment, self.forces.law.hysteresis, self.base, self)
+        if not same:
+            mesh, rigid = build_mesh(robot, model, load_positions(experiment))
+        forces = force_model(robot, model, mesh, rigid, self.forces.law.hysteresis, self.base)
+        if same and robot.tendons == own.robot.tendons:
+            forces = replace(forces, section=self.forces.section)
+        weight = Masses.of(robot, mesh, model.gravity).weights()
+        return RobotModel(experiment, self.base, forces, rigid, weight)
 
     def forces_at(self, time: float) -> ForceModel:
         """Mesh, tendons and laws at a time [s]."""
@@ -100,16 +89,6 @@ def _same_mesh(a: Experiment, b: Experiment) -> bool:
         return e.robot.backbone, e.robot.disks, springs, e.robot.base_stiffness, e.model.elements_per_bay
 
     return source(a) == source(b) and (a.steps is b.steps or load_positions(a) == load_positions(b))
-
-
-class RobotPoint(NamedTuple):
-    """Where the forces of a robot are evaluated."""
-
-    positions: Array  # (N, 3): Positions of the nodes [m]
-    rotations: Array  # (N, 3, 3): Rotations of the nodes, in beam axes
-    twists: Array  # (E, 6): Twists of the elements
-    base_tension: Array  # (m,): Tensions at the base [N]
-    mobilisation: Array  # (m, g): Mobilisations of the holes [1]
 
 
 class Values(NamedTuple):
@@ -147,27 +126,27 @@ class TendonStack:
         geometry = CableGeometry(offsets.reshape(-1, *offsets.shape[2:]), np.tile(own.mask, (size, 1)))
         return cls(size, _joined_law([model.law] * size), geometry, ())
 
-    def at(self, point: RobotPoint, rates: Array, nodes: Index) -> Values:
+    def at(self, own: TendonForces, mobilisation: Array, rates: Array) -> Values:
         """Forces in a state.
 
         Parameters
         ----------
-        point
-            The state.
+        own
+            Forces of the present model there.
+        mobilisation
+            Shape (m, g).
         rates
             Rates of the slips [m/s], shape (S, m, g).
-        nodes
-            With holes, see `tdcr_fe.elements.forces.ForceModel.cable_nodes`; empty where tendons follow the backbone.
         """
-        size, m, shape = self.size, len(point.base_tension), self._shape(point, nodes)
-        mobilisation, base = np.tile(point.mobilisation, (size, 1)), np.tile(point.base_tension, size)
+        size, m, shape = self.size, len(own.base_tension), self._shape(own)
+        mobilisation, base = np.tile(mobilisation, (size, 1)), np.tile(own.base_tension, size)
         rates = rates.reshape(size * m, rates.shape[2])
         tension, released = np.zeros((2, *self.law.shape))
         for which, law in self._by_laws:
             # No time passes, so that the rates are those given.
-            own = FrictionState(np.zeros_like(rates[which]), mobilisation[which], rates[which])
+            history = FrictionState(np.zeros_like(rates[which]), mobilisation[which], rates[which])
             cables = CableShape(shape.lengths[which], shape.angles[which])
-            field = law.field(base[which], cables, own.mobilisation, own, own.time)
+            field = law.field(base[which], cables, history.mobilisation, history, history.time)
             tension[which], released[which] = field.tension, field.released_length
         wrenches = np.zeros((size, 0, 6))
         if self.geometry is not None:
@@ -190,11 +169,11 @@ class TendonStack:
             parts.append((which, TendonLaw(parameters, law.model, law.hysteresis)))
         return parts
 
-    def _shape(self, point: RobotPoint, nodes: Index) -> CableShape:
+    def _shape(self, own: TendonForces) -> CableShape:
         if self.geometry is not None:
-            return self.geometry.evaluate(point.positions[nodes], point.rotations[nodes])
+            return self.geometry.evaluate(*(x[own.model.cable_nodes] for x in own.measured.poses))
         found = [
-            s.tendons.evaluate(point.twists, s.lengths)[0]
+            s.tendons.evaluate(own.measured.twists, s.lengths)[0]
             for s in self.sections
             if s is not None and s.tendons is not None
         ]
@@ -389,7 +368,7 @@ class ExplicitDerivatives:
     def at(
         self,
         own: TendonForces,
-        point: RobotPoint,
+        mobilisation: Array,
         rate: Array,
         times: tuple[float, float],
         inherited: Inherited,
@@ -400,8 +379,8 @@ class ExplicitDerivatives:
         ----------
         own
             Forces there.
-        point
-            The state.
+        mobilisation
+            Also of holes without friction at the present values, shape (m, g).
         rate
             Rate of the slips [m/s], shape (m, g).
         times
@@ -416,17 +395,17 @@ class ExplicitDerivatives:
             # No time passes: the rates are those of the history.
             by_rate = np.append(inherited.slip_rate, np.zeros((*rate.shape, 1)), axis=2)
             rates = rates + np.moveaxis(by_rate[..., self._owner] * self._offsets, -1, 0)
-        values = self._forces(point, rates, end + by_parameter[self._owner] * self._offsets)
+        values = self._forces(own, mobilisation, rates, end + by_parameter[self._owner] * self._offsets)
         return with_rates(Values(*map(self._derivative, values)), own, rate, inherited)
 
-    def _forces(self, point: RobotPoint, rates: Array, times: Array) -> Values:
+    def _forces(self, own: TendonForces, mobilisation: Array, rates: Array, times: Array) -> Values:
         """Forces of all models in a state.
 
         ``rates``: of the slips [m/s], shape (S, m, g); ``times``: up to which the backbones creep [s], shape (S,).
         """
-        twists, positions, rotations = point.twists, point.positions, point.rotations
+        twists, (positions, rotations) = own.measured.twists, own.measured.poses
         backbones, which = self._backbones(times)
-        gradients = [forces.gradient(twists, point.base_tension) for forces in backbones]
+        gradients = [forces.gradient(twists, own.base_tension) for forces in backbones]
         ends = np.stack(gradients, axis=1) @ strain_matrices(twists)
         # By node first: the same matrices apply to all models.
         inside = np.zeros((len(positions), len(backbones), 6))
@@ -436,7 +415,6 @@ class ExplicitDerivatives:
         wrenches[..., :3] += self._weight @ rotations
         for k, springs in self._springs:
             np.add.at(wrenches[:, k, :3], springs.nodes, springs.forces(positions, rotations))
-        nodes = self.present.forces.cable_nodes
-        found = self._tendons.at(point, rates, nodes)
-        wrenches[nodes] += found.wrenches.swapaxes(0, 1)
+        found = self._tendons.at(own, mobilisation, rates)
+        wrenches[own.model.cable_nodes] += found.wrenches.swapaxes(0, 1)
         return found._replace(wrenches=wrenches.swapaxes(0, 1))

@@ -22,9 +22,7 @@ from tdcr_fe.elements.native.hooks import SceneHooks
 from tdcr_fe.model.loading import Load, LoadStep
 from tdcr_fe.model.results import Sensitivities, Sensitivity
 from tdcr_fe.model.schema import check_instance
-from tdcr_fe.scene.base import BasePose
 from tdcr_fe.scene.handle import TDCR
-from tdcr_fe.scene.mesh import elements_of_bays
 from tdcr_fe.solve.load_steps.stepping import SolvedLoadStep
 from tdcr_fe.solve.load_steps.within_substep import ReversalPoint, reversal_points
 from tdcr_fe.solve.sensitivities.differences import InputDerivatives, InputValues
@@ -35,7 +33,6 @@ from tdcr_fe.solve.sensitivities.robot_model import (
     Inherited,
     Neighbours,
     RobotModel,
-    RobotPoint,
     neighbours,
 )
 from tdcr_fe.solve.simulation import Simulation
@@ -216,24 +213,23 @@ class SensitivityHistory:
             for point in reversal_points(solver, substep):
                 target = ramp.apply(system, point.load_factor)
                 solved = SolvedPoint.of(system, point.state, target, sticking=point.sticking)
-                own = self._disturbed(solved, target.time, inputs_at(point.load_factor), carried)
+                own = self._disturbed(robot, solved, target.time, inputs_at(point.load_factor), carried)
                 carried = _reversed(own, point, solved, carried, robot)
             target = ramp.apply(system, substep.load_factor)
             state, inputs = substep.state._replace(friction=substep.history), inputs_at(substep.load_factor)
             solved = SolvedPoint.of(system, state, target, softening=substep.presliding_factor)
-            own = self._disturbed(solved, target.time, inputs, carried)
-            values = self._values(own, solved, inputs, carried)
+            own = self._disturbed(robot, solved, target.time, inputs, carried)
+            values = self._values(robot, own, solved, inputs, carried)
             carried = values.carried
         assert values is not None
-        self.steps.append(values._replace(curvature_rates=self._curvature_rates(values, solved)))
+        self.steps.append(values._replace(curvature_rates=self._curvature_rates(robot, values, solved)))
         ramp.apply(system, 1.0)
         system.store(step.path.state)
 
     def _disturbed(
-        self, solved: SolvedPoint, time: float, inputs: InputValues, carried: _Carried
+        self, robot: int, solved: SolvedPoint, time: float, inputs: InputValues, carried: _Carried
     ) -> _Disturbed:
         """What the parameters change at the end of a substep, or at a reversal within it, at fixed nodes."""
-        robot = solved.system.robots.index(self.handle.actuation)
         before, state, own = carried.derivative, solved.state, solved.forces[robot]
         history = state.friction[robot]
         mobilisation, at_slip = self._mobilisation(solved, robot, carried)
@@ -245,21 +241,20 @@ class SensitivityHistory:
         if duration > 0.0:
             rate = (at_slip - begin) / duration
             elapsed = elapsed * duration / (time - history.time)
-        poses = state.configuration.poses[robot]
-        point = RobotPoint(*poses, state.configuration.twists[robot], state.base_tension[robot], mobilisation)
         inherited = Inherited(by_begin, before.slip_rate, inputs.time, elapsed)
-        explicit = self.explicit.at(own, point, rate, (history.time, time), inherited)
+        explicit = self.explicit.at(own, mobilisation, rate, (history.time, time), inherited)
         count, tendons = len(self.parameters), (inputs.tendons, explicit.tension, explicit.released)
-        wrenches = explicit.wrenches.reshape(-1, count) + self._load_wrenches(poses[1], inputs.loads)
+        wrenches = explicit.wrenches.reshape(-1, count) + self._load_wrenches(
+            own.measured.poses[1], inputs.loads
+        )
         disturbances = list(carried.histories) or [Disturbance.none(x, count) for x in solved.forces]
         disturbances[robot] = Disturbance(wrenches, *tendons, before.slip, before.mobilisation)
         return _Disturbed(tuple(disturbances), mobilisation, at_slip, rate, inherited, duration)
 
     def _values(
-        self, disturbed: _Disturbed, solved: SolvedPoint, inputs: InputValues, carried: _Carried
+        self, robot: int, disturbed: _Disturbed, solved: SolvedPoint, inputs: InputValues, carried: _Carried
     ) -> _StepValues:
         """Derivatives at the end of a substep."""
-        robot = solved.system.robots.index(self.handle.actuation)
         before, own = carried.derivative, solved.forces[robot]
         response = solved.respond(disturbed.disturbances)
         change = response.tendons[robot]
@@ -283,9 +278,8 @@ class SensitivityHistory:
         of_tendons = change.tension, change.base_tension, displacements, slips
         return _StepValues(carried, world[:, 0], world[:, 1], *of_tendons)
 
-    def _curvature_rates(self, values: _StepValues, solved: SolvedPoint) -> Array:
+    def _curvature_rates(self, robot: int, values: _StepValues, solved: SolvedPoint) -> Array:
         """Derivatives of the curvature rates at the end of a step, in section axes, shape (E, 2, 3, P)."""
-        robot = solved.system.robots.index(self.handle.actuation)
         configuration, own = solved.state.configuration, solved.forces[robot]
         chain, rotations = configuration.chains[robot], configuration.poses[robot][1]
         if not self.curvatures:
@@ -407,8 +401,5 @@ def models_around(
     handle: TDCR, experiment: Experiment, chosen: Sequence[Parameter]
 ) -> tuple[RobotModel, Neighbours]:
     """Models of a robot in a scene at the present and at neighbouring values of all parameters."""
-    counts, clamp = elements_of_bays(handle.robot, handle.model), handle.actuation.clamp
-    base = None if clamp is None else BasePose(clamp.position, clamp.rotation @ BEAM_TO_SECTION.T)
-    experiment = replace(experiment, model=replace(experiment.model, elements_per_bay=counts))
-    present = RobotModel.of(experiment, handle.actuation.law.hysteresis, base, None)
+    present = RobotModel.of(handle, experiment)
     return present, neighbours(present, chosen)
