@@ -22,7 +22,7 @@ from tdcr_fe.identify.problem import FitProblem, evaluate
 from tdcr_fe.identify.result import AddedEffect, Errors, Estimate, IdentificationResult, Misfit, Parameters
 from tdcr_fe.identify.search_state import Search, SearchState
 from tdcr_fe.identify.verdict import conclude
-from tdcr_fe.io.measured import write_measured
+from tdcr_fe.validation.measured_folder import write_measured
 
 
 def problem_of(data, held=(), sigma=1e-4, forward=None):

@@ -52,7 +52,6 @@ def follow(args: argparse.Namespace) -> int:
         try:
             result = follow_path(robot, model, targets, limits, settings, progress, **choices)
         except Interrupted as stop:
-            assert isinstance(stop.result, FollowResult)
             result = replace(stop.result, simulation=replace(stop.result.simulation, message=clock.reason))
         except Implausible as error:
             files = {"targets": args.path, "largest": "--largest", "model": args.model or "model"}

@@ -98,7 +98,6 @@ def _solve(scenario: Scenario, args: argparse.Namespace, bar: Any) -> SequenceRe
         with clock.running():
             return simulate(*asked, progress, **derivatives)
     except Interrupted as stop:
-        assert isinstance(stop.result, SequenceResult)
         return replace(stop.result, message=clock.reason)
     except Implausible as error:
         in_scenario = ("steps", "model")

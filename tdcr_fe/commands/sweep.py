@@ -57,7 +57,6 @@ def _solve(described: Sweep, args: argparse.Namespace) -> SweepResult:
                 progress=progress,
             )
         except Interrupted as stop:
-            assert isinstance(stop.result, SweepResult)
             return stop.result
 
 

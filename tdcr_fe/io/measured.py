@@ -1,4 +1,4 @@
-"""Measured data: read, check and write a folder of robot, loading sequence and readings."""
+"""Measured data: read and check a folder of robot, loading sequence and readings."""
 
 from __future__ import annotations
 
@@ -13,12 +13,11 @@ import pandas as pd
 
 from tdcr_fe.effects import Experiment, Observation, changed_by, with_effects
 from tdcr_fe.elements.drives import DRIVES
-from tdcr_fe.io.files import InputError, Problem, Reporter, StrPath, refusal, write_text
-from tdcr_fe.io.readings import BadRow, Reading, observations_table, read_observations, read_rows
-from tdcr_fe.io.tables import Loading, loading_table, read_loading, read_table
+from tdcr_fe.io.files import InputError, Problem, Reporter, StrPath, refusal
+from tdcr_fe.io.readings import BadRow, Reading, read_observations, read_rows
+from tdcr_fe.io.tables import Loading, read_loading, read_table
 from tdcr_fe.io.toml import digest, read_model_tables, read_robot
 from tdcr_fe.io.user_effects import apply_effects
-from tdcr_fe.io.write_toml import model_to_toml, robot_to_toml, value_to_toml
 from tdcr_fe.model.checks import size_contradictions
 from tdcr_fe.model.loading import LoadStep, Model, SolverSettings, in_newtons_and_metres
 from tdcr_fe.model.plausibility import Findings, plausibility
@@ -183,29 +182,6 @@ def _with_declared_effects(data: MeasuredData, table: object, reporter: Reporter
     beside, by_effect = {"steps", "ends", "observation"}, changed_by(declared, sound)
     rest = {name: values for name, values in sound.items() if beside & by_effect[name]}
     return replace(data, robot=changed.robot, model=changed.model, effects=rest)
-
-
-def write_measured(data: MeasuredData, folder: StrPath) -> None:
-    """Write data as a folder that `read_measured` reads.
-
-    Raises
-    ------
-    ValueError
-        The files have no place for a part of robot or loading sequence; nothing is written.
-    """
-    robot = robot_to_toml(data.robot)
-    loading = loading_table(data.robot, data.step_ids, data.steps, data.branches)
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    settings = None if data.settings == SolverSettings() else data.settings
-    write_text(robot, folder / "robot.toml")
-    text = model_to_toml(data.model, settings, data.effects)
-    if data.input_sigma:
-        own = zip(data.robot.tendon_names, data.input_sigma, strict=True)
-        text += f"\n[inputs]\nsigma = {value_to_toml(dict(own))}\n"
-    write_text(text, folder / "model.toml")
-    loading.to_csv(folder / "loading.csv", index=False)
-    observations_table(data.readings).to_csv(folder / "observations.csv", index=False)
 
 
 def without_unread_steps(data: MeasuredData) -> MeasuredData:

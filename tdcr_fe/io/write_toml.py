@@ -1,6 +1,6 @@
 """Write input files: a description, of which nothing is left out, and commented files with every key to start from.
 
-The latter are the templates of ``tdcr_fe/data/new``; descriptions and defaults come from the keys.
+The latter are the templates of ``tdcr_fe/io/templates``; descriptions and defaults come from the keys.
 """
 
 from __future__ import annotations

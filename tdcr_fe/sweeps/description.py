@@ -156,8 +156,8 @@ def unit_points(method: str, samples: int, dimensions: int, seed: int) -> Array:
     a, b = both[:, :dimensions], both[:, dimensions:]
     rows = np.repeat(a[:, None, :], dimensions + 2, axis=1)
     rows[:, 1, :] = b
-    k = np.arange(dimensions)
-    rows[:, 2 + k, k] = b
+    for k in range(dimensions):
+        rows[:, 2 + k, k] = b[:, k]
     return rows.reshape(-1, dimensions)
 
 

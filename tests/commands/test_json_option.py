@@ -12,7 +12,7 @@ from identify_data import measured
 from inputs import ROBOT, SCENARIO, changed, write
 
 from tdcr_fe import cli
-from tdcr_fe.io.measured import write_measured
+from tdcr_fe.validation.measured_folder import write_measured
 
 KEYS = ["command", "status", "exit_status", "files", "figures", "warnings", "remarks", "errors", "message"]
 STEPS = [{"tensions": {"t1": 0.5}}, {"label": "more", "tensions": {"t1": 1.0}}]

@@ -14,8 +14,9 @@ from rod import Truth
 
 from tdcr_fe import ParameterPrior, PlausibilityWarning, Spool, read_estimation, run_estimation, with_effects
 from tdcr_fe.cli import main
-from tdcr_fe.io.measured import MeasuredData, write_measured
+from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.validation.campaigns.estimate import model
+from tdcr_fe.validation.measured_folder import write_measured
 
 COUNT = 4
 

@@ -21,8 +21,8 @@ from tdcr_fe.identify.rows import blocks, choose_held_out
 from tdcr_fe.identify.run import mesh_nodes
 from tdcr_fe.identify.screening import screen
 from tdcr_fe.identify.sentences import summary
-from tdcr_fe.io.measured import write_measured
 from tdcr_fe.model.loading import Load, LoadStep, Model, SolverSettings
+from tdcr_fe.validation.measured_folder import write_measured
 
 # ------------------------------------------------------------------------------------------------ the pieces
 

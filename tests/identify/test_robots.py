@@ -12,7 +12,7 @@ from tdcr_fe.cli import main
 from tdcr_fe.commands import identify as command
 from tdcr_fe.identify import robots
 from tdcr_fe.identify.robots import Common
-from tdcr_fe.io.measured import write_measured
+from tdcr_fe.validation.measured_folder import write_measured
 
 
 def test_with_equal_errors_the_scatter_is_what_the_errors_leave_of_the_variance():

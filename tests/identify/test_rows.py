@@ -162,9 +162,7 @@ def searched():
 
 
 @pytest.mark.parametrize("missed", [Part.ALL_STEPS, Part.OTHER_MODELS])
-def test_a_final_fit_that_the_time_does_not_suffice_for_loses_nothing(
-    searched, tmp_path, missed, monkeypatch
-):
+def test_a_final_fit_without_enough_time_loses_nothing(searched, tmp_path, missed, monkeypatch):
     """Without any time no simulation of all load steps ends; with some, none of other models."""
     problem, chosen, state = searched
     whole = replace(problem, deadline=0.0 if missed == Part.ALL_STEPS else math.inf)

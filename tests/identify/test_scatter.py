@@ -13,7 +13,8 @@ from tdcr_fe.identify.criteria import residual_is_noise
 from tdcr_fe.identify.problem import evaluate, with_elements
 from tdcr_fe.identify.scatter import errors_of_inputs, find_scatter
 from tdcr_fe.identify.search import with_scatter
-from tdcr_fe.io.measured import read_measured, write_measured
+from tdcr_fe.io.measured import read_measured
+from tdcr_fe.validation.measured_folder import write_measured
 
 SIGMA, FINE = 1e-4, replace(MODEL, elements_per_bay=4)
 PULLS = [(a, b) for a in (0.0, 0.3, 0.6, 0.9, 1.2) for b in (0.0, 0.3, 0.6, 0.9, 1.2) if a or b]

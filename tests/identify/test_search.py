@@ -4,19 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from identify_data import BY_ROW, FRICTIONAL, GRAVITY, MODEL, ROBOT, data_of, measured, positions, sequence
+from identify_data import BY_ROW, FRICTIONAL, MODEL, ROBOT, data_of, measured, positions, sequence
 from scipy.signal import lfilter
-from searches import (
-    begun,
-    causes_of,
-    declared,
-    problem_of,
-    read_as_predicted,
-    searching,
-    starting,
-    state_of,
-    time_ends_with,
-)
+from searches import causes_of, declared, problem_of, read_as_predicted, searching, starting, state_of
 
 from tdcr_fe import LoadStep, NonlinearMaterial, ParallelRouting, StribeckFriction, Tendon, effect, simulate
 from tdcr_fe.effects import Experiment
@@ -29,8 +19,6 @@ from tdcr_fe.identify.forward import Job
 from tdcr_fe.identify.problem import Fit, evaluate
 from tdcr_fe.identify.screening import Score, screen
 from tdcr_fe.identify.search import Proposal, backward_selection, exchange, scores_beside, search_causes
-from tdcr_fe.identify.search_state import in_time
-from tdcr_fe.identify.settings import Part
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.routing import MisplacedRouting
 
@@ -275,16 +263,6 @@ def test_a_misplaced_tendon_is_told_by_its_kind_and_place():
     assert cause.kind == ("routing", ("nothing",), "tendon t1")
     assert result.effects[0].parameters["angle"].value == pytest.approx(0.1, abs=0.02)
     assert not [e for e in result.effects if e.found]
-
-
-def test_a_search_that_is_late_keeps_its_model_and_notes_what_it_has_not_tried(monkeypatch):
-    """Two effects are missing; when the first is fitted the time is over."""
-    state = begun(measured({**GRAVITY, "precurvature": {"kappa_x": 0.9, "kappa_y": -0.7}})).ending_at(1e6)
-    few = tuple(effect(name) for name in ("gravity", "precurvature", "actuator_gain"))
-    monkeypatch.setattr(search, "dictionary", lambda problem, bays: few)
-    late = replace(searching(), report=lambda text, share: time_ends_with(text, "round 2", monkeypatch))
-    state = in_time(late, state, search_causes, Part.FURTHER_EFFECTS)
-    assert len(state.best.effects) == 1 and state.log.not_tried == (Part.FURTHER_EFFECTS,)
 
 
 def test_a_cause_found_on_some_of_the_rows_is_the_same_on_all():

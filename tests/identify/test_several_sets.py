@@ -13,9 +13,10 @@ from tdcr_fe.cli import main
 from tdcr_fe.identify.fitting import fit
 from tdcr_fe.identify.forward import Job, run_settings, simulate_experiment
 from tdcr_fe.identify.rows import blocks, held_out_branches
-from tdcr_fe.io.measured import join_measured, write_measured
+from tdcr_fe.io.measured import join_measured
 from tdcr_fe.solve.sensitivities.differences import tabulated
 from tdcr_fe.solve.sensitivities.parameters import ModelParameter
+from tdcr_fe.validation.measured_folder import write_measured
 
 ROUGH = ROBOT.with_tendons(friction_coefficient=0.3)
 

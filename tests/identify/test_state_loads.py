@@ -156,6 +156,15 @@ def bent_by(moments, *times):
     return rod, problem_of(data_of(steps, tuple(readings), rod))
 
 
+def test_loads_from_a_row_on_act_on_all_disks_of_short_sequences(monkeypatch):
+    """Of long ones on the tip alone: their columns would take too much memory."""
+    problem, _, _ = declared()
+    for most, at_tip in ((1200, False), (1, True)):
+        monkeypatch.setattr(state_loads, "MOST_PAIRS", most)
+        names = [n for n in causes_of(problem)[1] if n.startswith("force") and "in a part of the rows (" in n]
+        assert names and all("rows (tip" in n for n in names) == at_tip
+
+
 def test_a_load_that_hardly_comes_nearer_to_balance_is_given_up(monkeypatch):
     """80 runs of a soft robot left 0.694 each."""
     missing = iter((1.0, 0.9))
@@ -417,9 +426,8 @@ def test_a_stiffness_that_differs_by_side_acts_where_the_curvature_has_the_sign(
     problem, run, _ = declared()
     kappa = np.linspace(-2.0, 3.0, run.bays.curvature.size).reshape(run.bays.curvature.shape)
     bent = replace(run.bays, curvature=kappa)  # bent to all sides
-    (sides,) = [
-        e for e in dictionary(problem, replace(run, bays=bent)) if e.name == "bending stiffness by side"
-    ]
+    every = {e.name: e for e in dictionary(problem, replace(run, bays=bent))}
+    sides = every["bending stiffness by side"]
     x, y = kappa[..., 0], kappa[..., 1]
     action = sides.action(bent, {"x_plus": 2.0, "x_minus": -1.0, "y_plus": 0.0, "y_minus": 3.0})
     np.testing.assert_allclose(action[..., 0], np.where(x > 0.0, -2.0, 1.0) * x)

@@ -13,9 +13,10 @@ from searches import problem_of, state_of
 
 from tdcr_fe import InputError, Load, LoadStep, Model, PlausibilityWarning, Reading, Spool
 from tdcr_fe.effects import Experiment, Observation, with_effects
-from tdcr_fe.io.measured import MeasuredData, first_checks, read_measured, write_measured
+from tdcr_fe.io.measured import MeasuredData, first_checks, read_measured
 from tdcr_fe.io.tables import read_table
 from tdcr_fe.model.channels import CHANNELS
+from tdcr_fe.validation.measured_folder import write_measured
 
 PAGE = (Path(__file__).parents[2] / "docs" / "files.md").read_text(encoding="utf-8")
 

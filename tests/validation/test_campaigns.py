@@ -12,12 +12,12 @@ from identify_data import GRAVITY, measured
 from tdcr_fe import Experiment, read_scenario
 from tdcr_fe.cli import main as command
 from tdcr_fe.io.files import LONGEST, Problem
-from tdcr_fe.io.measured import write_measured
 from tdcr_fe.validation.campaigns.broken_files import Ran, draw, judge, run_case
 from tdcr_fe.validation.campaigns.faulty_data import judge as judge_data
 from tdcr_fe.validation.campaigns.given_effects import chosen_form
 from tdcr_fe.validation.campaigns.net import CAMPAIGN, Case
 from tdcr_fe.validation.faulty_data import FAULTS
+from tdcr_fe.validation.measured_folder import write_measured
 from tdcr_fe.validation.net.comparison import differences, report
 from tdcr_fe.validation.net.storage import read_part, write_part
 from tdcr_fe.validation.paper.cases import MARKED, MODELS, figure, write_cases

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 
 from tdcr_fe.effects import Experiment, Observation, with_effects
-from tdcr_fe.io.measured import MeasuredData, write_measured
+from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.model.loading import Model
 from tdcr_fe.validation.blind.declared import draw_loading, draw_robot, largest_commands
 from tdcr_fe.validation.blind.hidden import Values, detectable, draw_values
 from tdcr_fe.validation.blind.readings import attempts, draw_markers, measured, planned, read, sigmas, solved
 from tdcr_fe.validation.blind.recipes import DRIVES, Recipe
+from tdcr_fe.validation.measured_folder import write_measured
 from tdcr_fe.validation.reference import ReferenceSettings
 from tdcr_fe.validation.reference.settings import Array
 

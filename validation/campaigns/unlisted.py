@@ -15,9 +15,9 @@ from typing import Any
 import pandas as pd
 
 from tdcr_fe.identify import IdentificationResult, identify
-from tdcr_fe.io.measured import write_measured
 from tdcr_fe.model.messages import count
 from tdcr_fe.validation.blind.unlisted import RECIPES, Recipe, make_unlisted
+from tdcr_fe.validation.measured_folder import write_measured
 from tdcr_fe.validation.runner import Campaign
 
 #: Kind and dependence are right in so large a share of the sets.
