@@ -65,7 +65,7 @@ Outcome = tuple[str, dict[str, Any], list[str], bool]
 
 def _robot(args: argparse.Namespace, sets: Sequence[MeasuredData], settings: IdentifySettings) -> Outcome:
     """Identify one robot and write the result."""
-    data, deadline = join_measured(sets), clock() + (1.0 + 2.0 * GRACE) * settings.time_limit
+    data, deadline = join_measured(sets), clock() + (1.0 + GRACE) * settings.time_limit
     print_understood(args, data.robot, data.model, data.steps)
     result = _with_progress(args, lambda progress: identify(data, settings, progress))
     with warnings_to():  # the same were issued for the measured data

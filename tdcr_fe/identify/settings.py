@@ -64,9 +64,8 @@ class Part(StrEnum):
 #: Parts that may explain what is left: where one was not tried, and more than noise is left, the verdict is open.
 MAY_EXPLAIN = frozenset({Part.FURTHER_EFFECTS, Part.EXCHANGES, Part.FRICTION})
 
-#: From the first deadline of a part to the second, over the time limit [1]. The simulation that the tables of the
-#: corrected robot take may begin until the second one of all others, and then has as long again.
-GRACE = 0.1
+#: How much later than all others the simulation for the tables of the corrected robot may end, over the time limit [1].
+GRACE = 0.2
 
 #: Shares of the time limit that are kept for the final fit to all load steps, and for the model with friction where the
 #: search runs without [1].
