@@ -238,7 +238,7 @@ def _forces(problem: FitProblem, fit: Fit, bays: Sequence[int], near: Array | No
     acted, every = with_action(experiment, action), action_inputs(experiment)
     asked = tuple(every[COMPONENTS * j + c] for j in bays for c in range(3))
     (run,) = problem.run([Job(acted, fit.run.trajectories, False, asked)])
-    parts = np.split(_derivatives(problem, acted, run, len(asked)), len(bays), axis=1)
+    parts = np.split(problem.whitened(_derivatives(problem, acted, run, len(asked))), len(bays), axis=1)
     starts = _starts(problem, fit, acted, run, parts, near)
     return [_Source("force", "N", *x) for x in zip(starts, parts, bays, strict=True)]
 
@@ -393,5 +393,5 @@ def _derivatives(problem: FitProblem, experiment: Experiment, run: Run, count: i
     """Derivatives of the predictions over sigma by the parameters of a run, zero where not solved, shape (n, count)."""
     if not run.solved:
         return np.zeros((problem.count, count))
-    derivatives = problem.whitened(problem.readings.derivatives(run, experiment) / problem.sigma[:, None])
+    derivatives = problem.readings.derivatives(run, experiment) / problem.sigma[:, None]
     return np.where(np.isfinite(derivatives), derivatives, 0.0)
