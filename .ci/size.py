@@ -36,7 +36,7 @@ BUDGET = {
     "tdcr_fe/model": 2389,
     "tdcr_fe/report": 1059,
     "tdcr_fe/scene": 1308,
-    "tdcr_fe/solve": 6055,
+    "tdcr_fe/solve": 6060,
     "tdcr_fe/sweeps": 1357,
     "validation": 6430,
     "tests": 12516,

@@ -78,6 +78,7 @@ class SceneSystem:
         self._user_residual = self.hooks.user_function("PreNewtonResidual")
         self.layout = SceneLayout.of(self.robots, self.point_loads, with_clamps=True)
         self.reactions = ClampReactions.of(mbs, self.layout)
+        self._numberings: dict[tuple[object, ...], Numbering] = {}  # One takes 2 % of a load step
 
     def independent(self) -> list[SceneSystem]:
         """Systems of robots that nothing couples, each to be solved by itself; this one where there are none.
@@ -113,8 +114,12 @@ class SceneSystem:
 
         For the current driving of the tendons; ``by_tension``: number of a robot whose tensions are taken as given.
         """
-        winds = [robot.drives.winds & (i != by_tension) for i, robot in enumerate(self.robots)]
-        return Numbering.of(self.layout, winds, with_friction)
+        winds = [robot.drives.winds for robot in self.robots]
+        key = (self.layout, with_friction, by_tension, *[own.tobytes() for own in winds])
+        if key not in self._numberings:
+            own = [wound & (i != by_tension) for i, wound in enumerate(winds)]
+            self._numberings[key] = Numbering.of(self.layout, own, with_friction)
+        return self._numberings[key]
 
     # ------------------------------------------------------------------ states
 
