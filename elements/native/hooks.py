@@ -200,7 +200,7 @@ class SceneHooks:
 
         actuation.attach(forces, jacobian)
         nodes = (actuation.nodes[0], actuation.nodes[-1], *actuation.history_nodes.nodes[-1:])
-        actuation.items = item_names(self.system.mbs, Object=[actuation.connectors.forces], Node=nodes)
+        actuation.items |= item_names(self.system.mbs, Object=[actuation.connectors.forces], Node=nodes)
         self.robots.append(actuation)
 
     def adopt(self, mbs: exu.MainSystem) -> None:

@@ -179,6 +179,7 @@ class ForwardModel(ExitStack):
     def __enter__(self) -> ForwardModel:
         if self.processes > 1:
             self._pool = self.enter_context(worker_pool(self.processes))
+            self.callback(setattr, self, "_pool", None)  # left, it simulates in this process
         return self
 
     def run(self, jobs: Sequence[Job], path_tolerance: float, deadline: float = math.inf) -> list[Run]:

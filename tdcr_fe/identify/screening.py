@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
@@ -125,11 +124,10 @@ def _scores(
     problem: FitProblem, fit: Fit, sets: Sequence[_ProbeSet], signatures: Sequence[Array]
 ) -> dict[str, Score]:
     """Scores by names of candidates; ``signatures``: of the probe sets."""
-    space, pairs = _Space.of(problem, fit), zip(sets, signatures, strict=True)
-    by_effect = groupby(
-        pairs, key=lambda pair: pair[0].effect.name
-    )  # the sets of an effect follow each other
-    return {name: _score(space, list(own)) for name, own in by_effect}
+    space, by_effect = _Space.of(problem, fit), dict[str, list[tuple[_ProbeSet, Array]]]()
+    for one, signature in zip(sets, signatures, strict=True):
+        by_effect.setdefault(one.effect.name, []).append((one, signature))
+    return {name: _score(space, own) for name, own in by_effect.items()}
 
 
 def _possible(problem: FitProblem, fit: Fit, e: Effect, points: Sequence[dict[str, float]]) -> bool:

@@ -68,9 +68,8 @@ def known_states(
             # What is left of the change of the loads, seen from every state; from the last one, back to the start.
             other, factor = (span[0], -1.0) if x == 1.0 else (span[1], 1.0 / (1.0 - x))
             target = solver.ramp.apply(solver.system, other)
-            load = (
-                factor * solver.system.residual(at.state, target, at.numbering, forces=at.forces).unbalanced
-            )
+            residual = solver.system.residual(at.state, target, at.numbering, forces=at.forces)
+            load = factor * residual.unbalanced
         points.append(InterpolationPoint(x, at, SegmentResponse.of(at, taut.numbers, load)))
     start, end = (solver.ramp.apply(solver.system, factor) for factor in span)
     return KnownStates(span, (start, end), taut, tuple(points))

@@ -244,9 +244,8 @@ class SensitivityHistory:
         inherited = Inherited(by_begin, before.slip_rate, inputs.time, elapsed)
         explicit = self.explicit.at(own, mobilisation, rate, (history.time, time), inherited)
         count, tendons = len(self.parameters), (inputs.tendons, explicit.tension, explicit.released)
-        wrenches = explicit.wrenches.reshape(-1, count) + self._load_wrenches(
-            own.measured.poses[1], inputs.loads
-        )
+        on_nodes = self._load_wrenches(own.measured.poses[1], inputs.loads)
+        wrenches = explicit.wrenches.reshape(-1, count) + on_nodes
         disturbances = list(carried.histories) or [Disturbance.none(x, count) for x in solved.forces]
         disturbances[robot] = Disturbance(wrenches, *tendons, before.slip, before.mobilisation)
         return _Disturbed(tuple(disturbances), mobilisation, at_slip, rate, inherited, duration)
