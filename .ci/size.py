@@ -25,21 +25,21 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 2357,
-    "tdcr_fe": 233,
+    "elements": 2360,
+    "tdcr_fe": 235,
     "tdcr_fe/commands": 743,
-    "tdcr_fe/effects": 1131,
+    "tdcr_fe/effects": 1132,
     "tdcr_fe/estimate": 1440,
-    "tdcr_fe/identify": 6072,
+    "tdcr_fe/identify": 6076,
     "tdcr_fe/io": 1657,
     "tdcr_fe/live": 333,
-    "tdcr_fe/model": 2389,
+    "tdcr_fe/model": 2400,
     "tdcr_fe/report": 1059,
     "tdcr_fe/scene": 1308,
-    "tdcr_fe/solve": 6060,
-    "tdcr_fe/sweeps": 1357,
-    "validation": 6430,
-    "tests": 12516,
+    "tdcr_fe/solve": 6057,
+    "tdcr_fe/sweeps": 1360,
+    "validation": 6435,
+    "tests": 12551,
 }
 #: Rooms that are no part of the product.
 BESIDE = ("tests", "validation")

@@ -1,4 +1,4 @@
-"""Friction coefficients that depend on the normal force and the slip rate at a hole, solved with the tensions.
+"""Friction coefficients that depend on normal force, slip rate and turning angle at a hole, solved with the tensions.
 
 The coefficients ``mu`` set the tensions, and the tensions set the normal forces and, where tendons stretch, the slip
 rates. So ``mu = law(N(T(mu)), v(T(mu)))`` is solved by Newton's method, and the derivatives of the tensions follow from
@@ -23,7 +23,7 @@ MAX_ITERATIONS = 30
 class CoefficientLaw(Protocol):
     """Law of the friction coefficient at a hole."""
 
-    def coefficient(self, normal_force: Array, slip_rate: Array) -> tuple[Array, Array, Array]:
+    def coefficient(self, normal_force: Array, slip_rate: Array, turning_angle: Array) -> tuple[Array, ...]:
         """Coefficient of friction and its derivatives, hole by hole.
 
         Parameters
@@ -32,20 +32,23 @@ class CoefficientLaw(Protocol):
             See `normal_forces` [N], shape (k,).
         slip_rate
             Rate at which the tendon passes the hole, positive towards the base [m/s], shape (k,).
+        turning_angle
+            By which the tendon turns at the hole [rad], not negative, shape (k,).
 
         Returns
         -------
-        mu, dmu_dnormal, dmu_drate : ndarray, shape (k,)
-            Coefficient, not negative [1], and its derivatives by the two arguments [1/N, s/m].
+        mu, dmu_dnormal, dmu_drate, dmu_dangle : ndarray, shape (k,)
+            Coefficient, not negative [1], and its derivatives by the three arguments [1/N, s/m, 1/rad].
         """
 
 
 class Coefficients(NamedTuple):
-    """Coefficients of all holes and their derivatives by normal force and slip rate, each of shape (m, n-1)."""
+    """Coefficients of all holes, and their derivatives by what they depend on, each of shape (m, n-1)."""
 
     value: Array
     by_normal: Array
     by_rate: Array
+    by_angle: Array
 
 
 def normal_forces(tension: Array, angles: Array) -> Array:
@@ -58,7 +61,7 @@ def normal_forces(tension: Array, angles: Array) -> Array:
 
 
 def evaluate_laws(
-    laws: Sequence[tuple[CoefficientLaw, Flags]], constant: Array, normal: Array, rate: Array
+    laws: Sequence[tuple[CoefficientLaw, Flags]], constant: Array, normal: Array, rate: Array, angle: Array
 ) -> Coefficients:
     """Coefficients of all holes.
 
@@ -68,12 +71,14 @@ def evaluate_laws(
         With the holes that follow them.
     constant
         Coefficients of the other holes [1], shape (m, n-1).
-    normal, rate
-        Normal forces [N] and slip rates [m/s], shape (m, n-1).
+    normal, rate, angle
+        Normal forces [N], slip rates [m/s] and turning angles [rad], shape (m, n-1).
     """
-    found = Coefficients(constant.copy(), np.zeros_like(constant), np.zeros_like(constant))
+    found = Coefficients(constant.copy(), *np.zeros((3, *constant.shape)))
     for law, holes in laws:
-        for target, values in zip(found, law.coefficient(normal[holes], rate[holes]), strict=True):
+        for target, values in zip(
+            found, law.coefficient(normal[holes], rate[holes], angle[holes]), strict=True
+        ):
             target[holes] = values
     return found
 
@@ -155,7 +160,7 @@ def tension_derivatives(
     change = solved.by_tension @ kept
     hole = np.arange(h)
     force_by_angle = 0.5 * (tension[:, :-1] + tension[:, 1:]) * np.cos(0.5 * angles)
-    change[:, hole, hole] += solved.law.by_normal * force_by_angle
+    change[:, hole, hole] += solved.law.by_normal * force_by_angle + solved.law.by_angle
     by_length = solved.law.by_rate[:, :, None] * rate_by_length
     right = np.concatenate((by_length, change), axis=2)
     total = solved.by_coefficient @ np.linalg.solve(solved.matrix, right)

@@ -264,14 +264,14 @@ class TendonLaw:
         callable
             Gives these ratios [1] and their slopes [1/m], shape (m, g) each.
         """
-        normal, (_, duration) = normal_forces(field.tension, angles), state.rates_from(field.time)
+        _, duration = state.rates_from(field.time)
         if not (self.varies and duration > 0.0):
             return lambda slip, mobilisation: (np.ones_like(slip), np.zeros_like(slip))
         summed = np.abs(self.hole_incidence)
 
         def at(slip: Array, mobilisation: Array) -> tuple[Array, Array]:
             rate = self._slip_rate(slip, state, field.time)
-            found = self._coefficients(normal, rate, mobilisation)
+            found = self._coefficients(field.tension, angles, rate, mobilisation)
             return found.value @ summed, found.by_rate @ summed / duration
 
         value, slope = at(field.slip, field.mobilisation)
@@ -292,30 +292,30 @@ class TendonLaw:
         if field.slip_rate is None:
             return np.zeros_like(angles)
         rates = field.slip_rate, self._slip_rate(before.slip, before, before.time)
-        normal = normal_forces(field.tension, angles)
-        now, then = (self._coefficients(normal, rate, field.mobilisation).value for rate in rates)
+        now, then = (self._coefficients(field.tension, angles, r, field.mobilisation).value for r in rates)
         return np.abs(now - then)
 
-    def _coefficients(self, normal: Array, rate: Array, mobilisation: Array) -> Coefficients:
+    def _coefficients(self, tension: Array, angles: Array, rate: Array, mobilisation: Array) -> Coefficients:
         """Coefficients by the laws; where a slip goes against its friction, as within presliding, it counts as rest.
 
         Parameters
         ----------
-        normal
-            Normal forces at the holes [N], shape (m, n-1).
+        tension, angles
+            Tensions of the segments [N], shape (m, n), and turning angles at the holes [rad], shape (m, n-1).
         rate
             Rate of the slips [m/s], shape (m, g).
         mobilisation
             Shape (m, g).
         """
         p, along = self.parameters, self.at_holes((rate * mobilisation > 0.0).astype(float))
-        found = evaluate_laws(p.by_law, p.friction, normal, self.at_holes(rate) * along)
+        normal = normal_forces(tension, angles)
+        found = evaluate_laws(p.by_law, p.friction, normal, self.at_holes(rate) * along, angles)
         return found._replace(by_rate=found.by_rate * along)
 
     def _field_with_laws(
         self, base_tension: Array, shape: CableShape, mobilisation: Array, state: FrictionState, time: float
     ) -> TensionField:
-        """`field` where coefficients of friction depend on normal force or slip rate."""
+        """`field` where coefficients of friction follow laws."""
         duration, lengths, angles = state.rates_from(time)[1], shape.lengths, shape.angles
         at_holes = self.at_holes(mobilisation)
         half, per_second = 0.5 * angles, 1.0 / duration if duration > 0.0 else 0.0
@@ -326,7 +326,7 @@ class TendonLaw:
             tension, slopes = capstan(base_tension, angles, at_holes, coefficient, self._adhesion)
             released, _, released_d_tension = self._released(tension, lengths)
             rate = self._slip_rate(self.slips(released), state, time)
-            law = self._coefficients(normal_forces(tension, angles), rate, mobilisation)
+            law = self._coefficients(tension, angles, rate, mobilisation)
             by_tension = (law.by_rate[:, :, None] * rate_by_released) * released_d_tension[:, None, :]
             by_pull = law.by_normal * np.sin(half)
             hole = np.arange(half.shape[1])
@@ -338,7 +338,7 @@ class TendonLaw:
 
         undiminished = np.repeat(base_tension[:, None], self.shape[1], axis=1)
         about = self._slip_rate(self.slips(self._released(undiminished, lengths)[0]), state, time)
-        start = self._coefficients(normal_forces(undiminished, angles), about, mobilisation)
+        start = self._coefficients(undiminished, angles, about, mobilisation)
         solved = solve_coefficients(linearise, start.value)
         tension = solved.tension
         released, d_length, d_tension = self._released(tension, lengths)

@@ -34,6 +34,7 @@ from .model.backbone import Backbone as Backbone
 from .model.backbone import NonlinearMaterial as NonlinearMaterial
 from .model.backbone import StiffnessPatch as StiffnessPatch
 from .model.backbone import Superelastic as Superelastic
+from .model.friction import AngleDependentFriction as AngleDependentFriction
 from .model.friction import ConstantFriction as ConstantFriction
 from .model.friction import ForceDependentFriction as ForceDependentFriction
 from .model.friction import StribeckFriction as StribeckFriction

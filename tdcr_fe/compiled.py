@@ -144,7 +144,9 @@ def _folder(base: str) -> Path:
     """
     files = sorted({inspect.getfile(f) for f in _REPLACEMENTS.values()})
     name = sha256(b"".join(Path(f).read_bytes() for f in files)).hexdigest()[:16]
-    folder = Path(base or os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser() / "tdcr_fe" / name
-    with suppress(OSError):
+    with suppress(OSError, RuntimeError):  # the latter where the user has no home
+        folder = Path(base or os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser() / "tdcr_fe" / name
         folder.mkdir(parents=True, exist_ok=True)
-    return folder if os.access(folder, os.W_OK) else Path(tempfile.mkdtemp(prefix="tdcr_fe_"))
+        if os.access(folder, os.W_OK):
+            return folder
+    return Path(tempfile.mkdtemp(prefix="tdcr_fe_"))

@@ -217,6 +217,10 @@ class Kind(NamedTuple):
     where: str = "everywhere"
 
 
+#: What a form of an effect, or an effect at one place, has in common with it.
+_COMMON = "description", "separating_experiment", "kind", "after", "exact_derivatives", "needs_friction"
+
+
 class Effect:
     """A candidate that a model may be missing. Adding one takes a class and an entry of `tdcr_fe.effects.EFFECTS`.
 
@@ -233,8 +237,8 @@ class Effect:
     parameters : tuple of Parameter
     exact_derivatives : bool
         Whether the derivatives by its parameters come out of the run (docs/sensitivities.md), or from the
-        observation map. False: `identify` takes them as differences of two runs, and says so. It does the same where it
-        finds none, as where a parameter changes the mesh.
+        observation map. False: `identify` takes them as differences of two runs. It does the same where it finds none,
+        as where a parameter changes the mesh.
     """
 
     name: str = ""
@@ -267,6 +271,11 @@ class Effect:
             if text.startswith(DISTINGUISHED_BY):
                 cls.description = " ".join(paragraphs[1:number])
                 cls.separating_experiment = text.removeprefix(DISTINGUISHED_BY).removesuffix(".")
+
+    def _like(self, listed: Effect) -> None:
+        """Take from a listed effect what this one has in common with it."""
+        for name in _COMMON:
+            setattr(self, name, getattr(listed, name))
 
     @property
     def listed(self) -> str:
@@ -402,9 +411,7 @@ class Form(Effect):
 
     def __init__(self, of: Effect, kind: str, names: Sequence[str], experiment: Experiment) -> None:
         self.of, self.name = of, f"{of.name} ({kind})"
-        self.description, self.separating_experiment = of.description, of.separating_experiment
-        for name in ("kind", "after", "exact_derivatives", "needs_friction"):
-            setattr(self, name, getattr(of, name))
+        self._like(of)
         known = {p.name: p for p in of.parameters_of(experiment)}
         self.parameters = tuple(known[n] for n in names)
 

@@ -112,8 +112,7 @@ class EffectAtPlace(Effect):
         self.general, self.place, self.among = general, dict(place), among
         named = ", ".join(f"{name} = {value:.6g}" for name, value in place.items())
         self.name = f"{general.name} ({named})"
-        self.description = general.description
-        self.separating_experiment = general.separating_experiment
+        self._like(general)
         tendon = f"tendon {place['tendon']:.0f}, " if "tendon" in place else ""
         self.kind = general.kind._replace(where=f"{tendon}s = {place['s']:.4g} m")
         self.parameters = tuple(p for p in general.parameters if p.name not in general.place_names)

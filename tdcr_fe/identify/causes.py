@@ -181,7 +181,8 @@ class StateLoad(BesideDescription):
             passed = clock(state) - clock(state)[0]
             return self.action(state, values) * (1.0 - np.exp(-passed / values["span"]))
 
-        name, sentence = f"{self.name}, settling", f"{self.sentence}, which settles"
+        place = self.name.removeprefix(self.everywhere)
+        name, sentence = f"{self.everywhere}, settling{place}", f"{self.sentence}, which settles"
         return LawLoad(name, self.kind, (*self.parameters, last), acts, sentence, self.price, held)
 
     def by_value(self, state: BayState, values: Values, name: str) -> Array:

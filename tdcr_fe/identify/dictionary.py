@@ -28,7 +28,12 @@ from tdcr_fe.io.measured import MeasuredData
 from tdcr_fe.io.readings import Reading
 from tdcr_fe.model.backbone import StiffnessPatch
 from tdcr_fe.model.checks import ARC_TOLERANCE
-from tdcr_fe.model.friction import ForceDependentFriction, FrictionCoefficient, StribeckFriction
+from tdcr_fe.model.friction import (
+    AngleDependentFriction,
+    ForceDependentFriction,
+    FrictionCoefficient,
+    StribeckFriction,
+)
 from tdcr_fe.model.loading import Load
 from tdcr_fe.model.robot import Robot, Tendon, TightHole
 from tdcr_fe.model.routing import MisplacedRouting, PointsRouting
@@ -222,7 +227,7 @@ def _rough_holes(problem: FitProblem) -> Iterator[Cause]:
 def _friction_laws(problem: FitProblem, state: BayState) -> Iterator[Cause]:
     """A coefficient of friction that changes with the normal force at the hole, as that of an elastic contact.
 
-    Or with the slip rate: towards rest it becomes another one.
+    Or with the angle by which the tendon turns there; or with the slip rate: towards rest it becomes another one.
     """
     if not _has_coefficients(problem):
         return
@@ -237,6 +242,12 @@ def _friction_laws(problem: FitProblem, state: BayState) -> Iterator[Cause]:
 
         exponent = number("exponent", "1", (-1.0, 1.0), 0.0, 0.1)
         yield _friction_law("normal force", "tension", (friction, exponent), by_force, {})
+
+        def by_angle(mu: float, values: Values) -> FrictionCoefficient:
+            return AngleDependentFriction(mu, values["slope"])
+
+        slope = number("slope", "1/rad", (-100.0, 100.0), 0.0, 0.02 / float(np.nanmax(bent)))
+        yield _friction_law("turning angle", "turning angle", (friction, slope), by_angle, {})
     pulled = np.einsum("b,kbi,bti->kt", lengths, curvature, state.lever)
     pauses = np.diff(state.time, prepend=np.nan)
     pauses[state.begins | ~(pauses > 0.0)] = np.nan

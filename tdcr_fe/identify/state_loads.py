@@ -399,13 +399,8 @@ def _products(known: _Known) -> Iterator[StateLoad]:
         price = math.log(10.0) + PER_FACTOR * len(term.factors) + math.log(choices)
         kind = Kind(perturbs, depends, where(term, state.edges))
         yield from known.load(term.key, kind, term.actions, term.changes, price, definition(term))
-        if (
-            known.progress
-            and term.factors == (clock,)
-            and term.bays is None
-            and ((), term.direction) in _LISTED
-        ):
-            last = Term((), term.direction)
+        if known.progress and term.factors == (clock,) and ((), term.direction) in _LISTED:
+            last = replace(term, factors=())
             lasting = known.load(last.key, kind, last.actions, last.changes, price, definition(last))
             yield from (x.settling(lambda b: clock.value(b)[:, :1, None], *known.settling) for x in lasting)
 
@@ -431,13 +426,14 @@ def _on_disks(known: _Known) -> Iterator[StateLoad]:
         return np.cross(state.tip[:, :, axis], forces)
 
     force = Factor("the force on it", "N", CONSTANT.value, "")
-    anywhere = (CONSTANT, known.clock, TENSION, DISTANCE, *tensions_of(data.robot.tendon_names), *parts)
+    often = CONSTANT, known.clock, TENSION, DISTANCE, *tensions_of(data.robot.tendon_names)
     magnet = "of a uniform field on a magnet along the tip"
     many = len(parts) * known.bays > MOST_PAIRS
     for perturbs, text, by, direction, factors in (
-        ("force", "of fixed direction", "", fixed, anywhere),
-        ("moment", "of fixed direction", "", fixed, anywhere),
-        ("force", "that turns with the tip", "orientation", turning, (CONSTANT,)),
+        ("force", "of fixed direction", "", fixed, (*often, *parts)),
+        ("moment", "of fixed direction", "", fixed, (*often, *parts)),
+        ("force", "that turns with the tip", "orientation", turning, often),
+        # such a moment that changes with something is hardly another one than a precurvature that does
         ("moment", "that turns with the tip", "orientation", turning, (CONSTANT,)),
         ("moment", magnet, "orientation", dipole, (CONSTANT, known.clock)),
         ("moment", "of a lever at the tip", "", by_lever, (force,)),

@@ -178,16 +178,16 @@ def _rows(
         given = {str(c): text if columns[str(c)] is _TEXT else _cell(text) for c, text in texts.items()}
         row, _ = columns.read(given, "", found)
         wrong = {names[p.key]: p.allowed for p in found.problems}
-        step, time = row.get("step"), row.get("time") or 0.0
+        step, time = row.get("step"), row.get("time")
         if step in steps:
             wrong["step"] = "the step appears more than once; the order of the rows is the order of loading"
-        if time < last:
+        if time is not None and time < last:
             wrong["time"] = f"must not be earlier than in the row before, {last:g} s"
         for column, said in (wrong or check(row)).items():
             reporter(f"line {line}, {column}", texts[column] or "empty", said)
         rows.append(row)
         steps.add(step)
-        last = max(last, time)
+        last = max(last, time or 0.0)
     reporter.refuse()
     numbers = [row["step"] for row in rows]
     if numbers != sorted(numbers):

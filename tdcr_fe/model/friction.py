@@ -1,4 +1,4 @@
-"""Coefficients of friction at the holes: constant, Stribeck, dependent on the normal force.
+"""Coefficients of friction at the holes: constant, Stribeck, dependent on the normal force or the turning angle.
 
 The annotated fields of a law are the keys of its table in ``robot.toml``. Adding one takes a class here and its name in
 `FRICTION_COEFFICIENTS`; docs/architecture.md, section "Nine extension points", has an example. Friction with
@@ -24,7 +24,7 @@ class FrictionCoefficient(Protocol):
         """Name of the law in ``robot.toml``."""
         ...
 
-    def coefficient(self, normal_force: Array, slip_rate: Array) -> tuple[Array, Array, Array]:
+    def coefficient(self, normal_force: Array, slip_rate: Array, turning_angle: Array) -> tuple[Array, ...]:
         """Coefficient of friction and its derivatives, hole by hole.
 
         Parameters
@@ -33,11 +33,13 @@ class FrictionCoefficient(Protocol):
             ``(T_k + T_k+1) sin(theta_k / 2)`` [N], not negative, shape (k,).
         slip_rate
             Rate at which the tendon passes the hole, positive towards the base [m/s], shape (k,).
+        turning_angle
+            By which the tendon turns at the hole [rad], not negative, shape (k,).
 
         Returns
         -------
-        mu, dmu_dnormal, dmu_drate : ndarray, shape (k,)
-            Coefficient, not negative [1], and its derivatives by the two arguments [1/N, s/m].
+        mu, dmu_dnormal, dmu_drate, dmu_dangle : ndarray, shape (k,)
+            Coefficient, not negative [1], and its derivatives by the three arguments [1/N, s/m, 1/rad].
         """
         ...
 
@@ -55,10 +57,10 @@ class ConstantFriction(Checked):
     mu: Annotated[float, Quantity(ge=0.0, le=100.0)]
     kind: Literal["constant"] = "constant"
 
-    def coefficient(self, normal_force: Array, slip_rate: Array) -> tuple[Array, Array, Array]:
+    def coefficient(self, normal_force: Array, slip_rate: Array, turning_angle: Array) -> tuple[Array, ...]:
         """See `FrictionCoefficient.coefficient`."""
         zero = np.zeros_like(normal_force)
-        return zero + self.mu, zero, zero
+        return zero + self.mu, zero, zero, zero
 
 
 @dataclass(frozen=True)
@@ -90,13 +92,14 @@ class StribeckFriction(Checked):
     viscous: Annotated[float, Quantity(unit="s/m", ge=0.0)] = 0.0
     kind: Literal["stribeck"] = "stribeck"
 
-    def coefficient(self, normal_force: Array, slip_rate: Array) -> tuple[Array, Array, Array]:
+    def coefficient(self, normal_force: Array, slip_rate: Array, turning_angle: Array) -> tuple[Array, ...]:
         """See `FrictionCoefficient.coefficient`."""
         x = np.abs(slip_rate) / self.stribeck_rate
         fall = (self.static - self.kinetic) * np.exp(-(x**self.exponent))
         mu = self.kinetic + fall + self.viscous * np.abs(slip_rate)
         slope = self.viscous - fall * self.exponent * x ** (self.exponent - 1.0) / self.stribeck_rate
-        return mu, np.zeros_like(mu), slope * np.sign(slip_rate)
+        zero = np.zeros_like(mu)
+        return mu, zero, slope * np.sign(slip_rate), zero
 
 
 @dataclass(frozen=True)
@@ -126,14 +129,41 @@ class ForceDependentFriction(Checked):
     smallest_force: Annotated[float, Quantity(unit="N", gt=0.0)] = 1e-3
     kind: Literal["force-dependent"] = "force-dependent"
 
-    def coefficient(self, normal_force: Array, slip_rate: Array) -> tuple[Array, Array, Array]:
+    def coefficient(self, normal_force: Array, slip_rate: Array, turning_angle: Array) -> tuple[Array, ...]:
         """See `FrictionCoefficient.coefficient`."""
         square = normal_force**2 + self.smallest_force**2
         mu = self.mu * (square / self.reference_force**2) ** (0.5 * self.exponent)
-        return mu, self.exponent * mu * normal_force / square, np.zeros_like(mu)
+        zero = np.zeros_like(mu)
+        return mu, self.exponent * mu * normal_force / square, zero, zero
+
+
+@dataclass(frozen=True)
+class AngleDependentFriction(Checked):
+    """Coefficient that changes with the angle by which the tendon turns at the hole, not below zero.
+
+    ``mu(theta) = mu + slope theta``: a tendon that resists bending touches the edges of a hole, the more the further it
+    turns.
+
+    Attributes
+    ----------
+    mu : float
+        Coefficient where the tendon runs straight through the hole [1].
+    slope : float
+        Its change with the turning angle [1/rad].
+    """
+
+    mu: Annotated[float, Quantity(ge=0.0, le=100.0)]
+    slope: Annotated[float, Quantity(unit="1/rad", ge=-1000.0, le=1000.0)]
+    kind: Literal["angle-dependent"] = "angle-dependent"
+
+    def coefficient(self, normal_force: Array, slip_rate: Array, turning_angle: Array) -> tuple[Array, ...]:
+        """See `FrictionCoefficient.coefficient`."""
+        mu, zero = self.mu + self.slope * turning_angle, np.zeros_like(turning_angle)
+        return np.maximum(mu, 0.0), zero, zero, np.where(mu > 0.0, self.slope, 0.0)
 
 
 #: Every law of the coefficient that ``robot.toml`` may name.
 FRICTION_COEFFICIENTS: dict[str, type] = {
-    law.kind: law for law in (ConstantFriction, StribeckFriction, ForceDependentFriction)
+    law.kind: law
+    for law in (ConstantFriction, StribeckFriction, ForceDependentFriction, AngleDependentFriction)
 }

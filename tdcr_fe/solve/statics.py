@@ -66,8 +66,8 @@ def SolveTDCR(
         The fields of `tdcr_fe.solve.load_steps.load_path.LoadStepReport`: ``iterations``, ``iterations_total``
         (with those of rejected attempts), ``substeps``, ``residual``, ``snapped``, ``presliding_factor``,
         ``refinement_error``, and ``unstable``: whether the equilibrium reached is unstable, which is examined in
-        contact and beyond the buckling load of a bay. Robots that nothing couples are solved one by one; these are the
-        largest values of all.
+        contact and beyond the buckling load of a bay. Robots that nothing couples are solved one by one, but
+        with ``sensitivities`` together; these are the largest values of all.
 
     Raises
     ------
@@ -166,7 +166,8 @@ def _solve(
 ) -> list[SolvedPath]:
     """The load step from the scene's current state to the inputs and loads as set, with its derivatives.
 
-    Robots that nothing couples are solved one by one.
+    Robots that nothing couples are solved one by one; with derivatives together, as those of one may follow from what
+    another did while they touched.
     """
     mbs = system.mbs
     user_step = system.hooks.user_function("PreStep")
@@ -179,14 +180,13 @@ def _solve(
     )
     paths = []
     with one_thread():
-        for part in system.independent():
+        for part in [system] if sensitivities else system.independent():
             begin = part.with_reactions(part.current_state(start_time))
             ramp = Ramp.of(part, begin, end_time, before, user_loads)
             solved = solve_load_step(SubstepSolver(part, ramp, settings), Position(begin), substeps)
             paths.append(solved.path)
             for each in sensitivities:
-                if each.handle.actuation in part.robots:
-                    each.advance(solved)
+                each.advance(solved)
     return paths
 
 

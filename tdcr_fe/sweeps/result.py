@@ -253,6 +253,10 @@ class SweepResult:
 
     def sobol_indices(self) -> dict[str, SobolIndices]:
         """Sobol indices of every result that varies; empty where the method is not "saltelli"."""
+        return dict(self._sobol_indices)
+
+    @cached_property
+    def _sobol_indices(self) -> dict[str, SobolIndices]:  # a second of bootstrap for ten results
         if self.sweep.sampling.method != "saltelli":
             return {}
         inputs, seed = len(self.inputs), self.sweep.sampling.seed

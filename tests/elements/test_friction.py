@@ -13,7 +13,7 @@ from tdcr_fe.elements.coefficients import normal_forces
 from tdcr_fe.elements.friction import FRICTION_MODELS, TendonLaw, TendonParameters
 from tdcr_fe.elements.hysteresis import Dahl, FrictionState
 from tdcr_fe.elements.tendons import CableGeometry, CableShape
-from tdcr_fe.model.friction import ForceDependentFriction, StribeckFriction
+from tdcr_fe.model.friction import AngleDependentFriction, ForceDependentFriction, StribeckFriction
 
 #: Tensions at the base [N].
 BASE = np.array([2.0, 1.0])
@@ -86,9 +86,9 @@ def test_bounds_hold_and_no_hole_creates_energy_whatever_is_done(compliance, bas
 class ForceAndRate:
     """A with_coefficient that depends on both arguments, and on the direction of the rate."""
 
-    def coefficient(self, normal_force, slip_rate):
+    def coefficient(self, normal_force, slip_rate, turning_angle):
         mu = 0.3 + 0.2 * normal_force + 0.05 * np.tanh(slip_rate / 1e-3)
-        return mu, 0.2 + 0.0 * mu, 0.05 / 1e-3 / np.cosh(slip_rate / 1e-3) ** 2
+        return mu, 0.2 + 0.0 * mu, 0.05 / 1e-3 / np.cosh(slip_rate / 1e-3) ** 2, 0.0 * mu
 
 
 COEFFICIENTS = [
@@ -96,6 +96,7 @@ COEFFICIENTS = [
     pytest.param(StribeckFriction(0.4, 0.2, stribeck_rate=1e-3, exponent=2.0, viscous=5.0), id="stribeck"),
     pytest.param(ForceDependentFriction(0.3, reference_force=0.2), id="hertz"),
     pytest.param(ForceDependentFriction(0.3, 0.2, exponent=0.5, smallest_force=1e-2), id="rising"),
+    pytest.param(AngleDependentFriction(0.2, 1.5), id="angle"),
     pytest.param(ForceAndRate(), id="force-and-rate"),
 ]
 
@@ -160,7 +161,7 @@ def test_the_coefficient_is_that_of_the_normal_force_and_rate_reached(coefficien
     rate = (field.slip - state.slip) / 1.0
     assert field.slip_rate == pytest.approx(rate, abs=1e-15)
     # With adhesion the mean tension still is that of both segments.
-    expected = coefficients.coefficient(normal_forces(t, ANGLES)[HOLES], rate[HOLES])[0]
+    expected = coefficients.coefficient(normal_forces(t, ANGLES)[HOLES], rate[HOLES], ANGLES[HOLES])[0]
     assert used[HOLES] == pytest.approx(expected, abs=1e-10)
 
 

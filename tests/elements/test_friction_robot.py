@@ -7,7 +7,13 @@ import pytest
 from robots import SEVEN, cables, distance, single, solve
 from scenes import damped, recommended
 
-from tdcr_fe import ConstantFriction, ForceDependentFriction, LoadStep, StribeckFriction
+from tdcr_fe import (
+    AngleDependentFriction,
+    ConstantFriction,
+    ForceDependentFriction,
+    LoadStep,
+    StribeckFriction,
+)
 from tdcr_fe.elements.coefficients import normal_forces
 from tdcr_fe.model.robot import TightHole
 
@@ -71,15 +77,20 @@ def test_a_load_step_has_the_coefficient_of_its_own_slip_rate(friction, tensions
     if friction == "per-tendon":
         rate = np.full_like(rate, released.sum() / 0.5)
     assert np.all(rate * (tensions[1] - tensions[0]) > 0.0)
-    assert mu == pytest.approx(law.coefficient(force, rate)[0], abs=1e-6)
-    assert np.ptp(law.coefficient(force, rate)[0]) > 1e-3 or friction == "per-tendon"
+    assert mu == pytest.approx(law.coefficient(force, rate, angles)[0], abs=1e-6)
+    assert np.ptp(law.coefficient(force, rate, angles)[0]) > 1e-3 or friction == "per-tendon"
 
 
 @pytest.mark.parametrize(("friction", "axial_stiffness"), [("per-hole", None), ("per-tendon", 300.0)])
 @pytest.mark.parametrize(
     "law",
-    [ForceDependentFriction(0.3, 0.2), StribeckFriction(0.2, 0.2, 1e-3, viscous=100.0), STRIBECK],
-    ids=["force-dependent", "viscous", "stribeck"],
+    [
+        ForceDependentFriction(0.3, 0.2),
+        AngleDependentFriction(0.05, 2.0),
+        StribeckFriction(0.2, 0.2, 1e-3, viscous=100.0),
+        STRIBECK,
+    ],
+    ids=["force-dependent", "angle-dependent", "viscous", "stribeck"],
 )
 def test_newton_converges_quadratically_with_laws(law, axial_stiffness, friction):
     """A pull to 2.5 N and a release to 0.5 N: at most 4 iterations a step of 1 s (constant coefficient: 3 or 4).
@@ -127,7 +138,7 @@ def test_dynamics_have_the_coefficient_of_their_slip_rate(end, step, top):
             field, angles = now.field, now.measured.shape.angles
             used = np.log(field.tension[0, :-1] / field.tension[0, 1:]) / angles[0]
             force, rate = normal_forces(field.tension, angles)[0], field.slip_rate[0]
-            found.append((used, law.coefficient(force, rate)[0], rate, field.mobilisation[0]))
+            found.append((used, law.coefficient(force, rate, angles[0])[0], rate, field.mobilisation[0]))
         return True
 
     mbs.SetPostStepUserFunction(sample)

@@ -88,6 +88,7 @@ WITHOUT_NAME = [
         "input gain over the time so far (all)": dict(all=-0.1)}),
     ("displacement", {"input stretch by the square (t1)": dict(t1=2e-4)}),
     ("tension", {"friction by normal force": dict(friction=0.1, exponent=-0.3)}),
+    ("tension", {"friction by turning angle": dict(friction=0.05, slope=0.8)}),
     ("tension", {"friction by slip rate": dict(friction=0.1, at_rest=-0.05, rate=1e-3)}),
     ("tension", {"length": dict(factor=1.05), "marker_offset": dict(offset_x=1e-3, offset_y=-2e-3)}),
     ("displacement", {f"length (s = 0 to {LENGTH / 5:.4g} m)": dict(factor=0.9), "gravity": dict(g_x=3.0)}),

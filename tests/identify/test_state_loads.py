@@ -455,13 +455,14 @@ def test_moments_of_fixed_direction_and_of_a_magnet_are_loads_of_the_tip():
     problem, run, causes = declared()
     values = {"x": 1e-3, "y": -2e-3, "z": 5e-4}
     given, tip = np.array([*values.values()]), run.rotations[:, -1]
-    field = np.cross(tip[:, :, 2], given)
+    field, rows = np.cross(tip[:, :, 2], given), np.arange(1.0, len(tip) + 1.0)[:, None]
     for name, moments in {
         "moment of fixed direction, constant (tip)": np.tile(given, (len(tip), 1)),
         "moment that turns with the tip, constant (tip)": tip @ given,
+        "moment that turns with the tip, in proportion to the number of the row (tip)": tip @ given * rows,
         "moment of a uniform field on a magnet along the tip, constant (tip)": field,
         "moment of a uniform field on a magnet along the tip, in proportion to the number of the row (tip)": field
-        * np.arange(1.0, len(tip) + 1.0)[:, None],
+        * rows,
     }.items():
         action = Action(causes[name].action(run.bays, values), run.bays.rotation)
         steps = with_action(problem.experiment, action).steps

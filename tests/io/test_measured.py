@@ -172,6 +172,15 @@ def test_every_channel_can_be_read_and_is_in_the_page_on_files(folder):
         assert f"| `{c.quantity}` | {c.unit} |" in PAGE
 
 
+def test_a_row_without_a_time_keeps_that_of_the_row_before(folder):
+    """An empty cell was refused, as if it were zero."""
+    table = folder / "loading.csv"
+    header, *rows = table.read_text().splitlines()
+    times = ["time", "1", "", "5"]
+    table.write_text("\n".join(f"{x},{t}" for x, t in zip((header, *rows), times, strict=True)) + "\n")
+    assert [s.time for s in read_measured(folder).steps] == [1.0, None, 5.0]
+
+
 def test_steps_that_do_not_ascend_are_warned_of(folder):
     """A table upside down was solved as the history in reverse, without a word."""
     table = folder / "loading.csv"

@@ -192,13 +192,20 @@ NAMES += ["backbone.length", "springs[0].stiffness"]
 
 
 def test_a_robot_alone_has_the_derivatives_of_simulate():
-    """Wherever its base is: springs to ground are at rest where the unloaded robot is."""
+    """Wherever its base is: springs to ground are at rest where the unloaded robot is. Also beside another robot.
+
+    A force that turns with the tip has both solved together. After it, this ended in an error of `zip`.
+    """
     robot = replace(seven(0.3), springs=(SideSpring(0.15, 1.5),))
-    steps = [LoadStep("", {"t1": 1.0, "t2": 0.3}, loads={"tip": Load(LENGTH)}, substeps=2)]
-    steps += [LoadStep("", {"t1": 0.6}, loads={"tip": Load(LENGTH, (0.0, 0.02, 0.0))}, substeps=2)]
+    pulls = [{"t1": 1.0, "t2": 0.3}, {"t1": 0.6}, {"t1": 0.9}]
+    loads = [Load(LENGTH, (0.0, f, 0.0), frame="section") for f in (0.0, 0.02, 0.0)]
+    both = zip(pulls, loads, strict=True)
+    steps = [LoadStep("", pull, loads={"tip": load}, substeps=2) for pull, load in both]
     expected = simulate(robot, Model(elements_per_bay=1), steps, SETTINGS, sensitivities=NAMES).sensitivities
     at = {"referencePosition": [0.1, 0.05, 0.2]}
-    _keep, mbs, arm, tip = scene_with(lambda mbs, arm: arm.add_load("tip", LENGTH), robot, **at)
+    _keep, mbs, arm, tip = scene_with(lambda mbs, arm: arm.add_load("tip", LENGTH, "section"), robot, **at)
+    CreateTDCR(mbs, seven(0.3), arm.model, name="other")
+    mbs.Assemble()
     tracked = track_sensitivities(arm, NAMES)
     for step in steps:
         arm.set_tensions(step.tensions)

@@ -257,8 +257,8 @@ def test_a_law_of_friction_that_no_tensions_satisfy_ends_a_run_with_a_message(mo
     law = StribeckFriction(0.4, 0.15, 1e-3)
     known = law.coefficient
 
-    def lost(self, normal_force, slip_rate):
-        found = known(normal_force, slip_rate)
+    def lost(self, normal_force, slip_rate, turning_angle):
+        found = known(normal_force, slip_rate, turning_angle)
         return found if np.abs(slip_rate).max() < 1e-4 else (np.full_like(found[0], np.nan), *found[1:])
 
     monkeypatch.setattr(StribeckFriction, "coefficient", lost)

@@ -6,7 +6,17 @@ import numpy as np
 import pytest
 from robots import BACKBONE, DISKS, LENGTH, routed, seven, single, three
 
-from tdcr_fe import Disks, ForceDependentFriction, Load, LoadStep, Model, Robot, Tendon, simulate
+from tdcr_fe import (
+    AngleDependentFriction,
+    Disks,
+    ForceDependentFriction,
+    Load,
+    LoadStep,
+    Model,
+    Robot,
+    Tendon,
+    simulate,
+)
 from tdcr_fe.effects import Experiment, with_effects
 from tdcr_fe.model.backbone import Backbone, NonlinearMaterial, StiffnessPatch, Superelastic
 from tdcr_fe.model.observed_step import Observation, ObservedStep
@@ -194,6 +204,7 @@ AGREE = {
     "varying pitch": to_and_fro(
         routed(VaryingHelicalRouting(4.5e-3, 0.2, 1.5, 30.0), HelicalRouting(4.5e-3, 0.5, 120.0), disks=10, mu=0.2)),
     "force-dependent": to_and_fro(routed(*TWO, disks=10, friction=ForceDependentFriction(0.3, 0.1))),
+    "angle-dependent": to_and_fro(routed(*TWO, disks=10, friction=AngleDependentFriction(0.0, 1.5))),
 }  # fmt: skip
 
 

@@ -6,19 +6,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tdcr_fe.model.friction import ConstantFriction, ForceDependentFriction
+from tdcr_fe.model.friction import AngleDependentFriction, ConstantFriction, ForceDependentFriction
 from tdcr_fe.model.loading import Model
 from tdcr_fe.model.robot import Robot, Tendon
 from tdcr_fe.validation.reference.layout import Layout
 from tdcr_fe.validation.reference.rod import hat
 from tdcr_fe.validation.reference.settings import Array, HoleFriction, Index, Mask
 
+#: Laws of the coefficient that depend on the state.
+Law = ForceDependentFriction | AngleDependentFriction
+
 #: Turn of a tendon at which it has shifted by 0.7 of its clearance [rad].
 CLEARANCE_ANGLE = 0.01
 
 
 def coefficient_at_rest(tendon: Tendon) -> float:
-    """Friction coefficient of a tendon where no normal force acts [1].
+    """Friction coefficient of a tendon where it does not turn, so that no normal force acts [1].
 
     Raises
     ------
@@ -28,13 +31,13 @@ def coefficient_at_rest(tendon: Tendon) -> float:
     law = tendon.friction
     if law is None:
         return tendon.friction_coefficient
-    if isinstance(law, ConstantFriction):
+    if isinstance(law, ConstantFriction | AngleDependentFriction):
         return law.mu
     if isinstance(law, ForceDependentFriction):
         return law.mu * (law.smallest_force / law.reference_force) ** law.exponent
     raise ValueError(
         f"friction law {law.kind!r} of tendon {tendon.name!r}; the reference is rate-independent and implements "
-        "'constant' and 'force-dependent'"
+        "'constant', 'force-dependent' and 'angle-dependent'"
     )
 
 
@@ -122,8 +125,8 @@ def friction_variables(rough: Mask, owner: Index | None) -> Index:
 
 def hole_friction(
     robot: Robot, model: Model, owner: Index, special: tuple[HoleFriction, ...]
-) -> tuple[Array, Array, list[ForceDependentFriction | None]]:
-    """Friction coefficient at rest [1], adhesion [N] and force-dependent law of every hole between base and anchor.
+) -> tuple[Array, Array, list[Law | None]]:
+    """Friction coefficient at rest [1], adhesion [N] and law, if any, of every hole between base and anchor.
 
     Parameters
     ----------
@@ -139,7 +142,7 @@ def hole_friction(
     tendons = [robot.tendons[i] for i in owner]
     mu = np.array([coefficient_at_rest(t) for t in tendons], dtype=float)
     adhesion = np.array([t.adhesion for t in tendons], dtype=float)
-    laws = [t.friction if isinstance(t.friction, ForceDependentFriction) else None for t in tendons]
+    laws = [t.friction if isinstance(t.friction, Law) else None for t in tendons]
     for t, tight in [(x, hole) for x in robot.tendons for hole in x.tight_holes]:
         at = int(np.argmin(np.abs(robot.hole_arc_lengths(t) - tight.at)))
         index = int(np.flatnonzero(owner == robot.tendon_names.index(t.name))[at - 1])
@@ -187,7 +190,7 @@ class Tendons:
         self.holes = np.setdiff1d(np.arange(self.size), self.last - 1)
         owner = np.repeat(np.arange(self.count), counts - 1)
         self.mu, self.adhesion, laws = hole_friction(robot, model, owner, special)
-        #: Holes whose coefficient depends on the normal force, and their laws.
+        #: Holes whose coefficient depends on the state, and their laws.
         self.dependent = np.array([k for k, law in enumerate(laws) if law is not None], dtype=np.intp)
         self.laws = tuple(law for law in laws if law is not None)
         #: Of the tendon of every segment [m].
@@ -206,6 +209,7 @@ class Tendons:
         beyond = self.base_sum[owner] * (np.arange(self.size) > self.holes[:, None])
         shared = model.friction == "per-tendon"
         rough = (self.mu > 0.0) | (self.adhesion > 0.0)
+        rough[self.dependent] = True
         #: Friction variable of every hole; -1 without friction.
         self.variable = friction_variables(rough, owner if shared else None)
         self.rough = np.flatnonzero(rough)
@@ -219,7 +223,8 @@ class Tendons:
         r"""Friction coefficients at the holes in a solved state [1], shape (n_holes,).
 
         For a force-dependent law, :math:`\mu(N) = \mu_0 ((N^2 + N_s^2) / N_0^2)^{p/2}` with the normal force
-        :math:`N = (T_{before} + T_{after}) \sin(\theta / 2)` of the tendon's two pulls.
+        :math:`N = (T_{before} + T_{after}) \sin(\theta / 2)` of the tendon's two pulls. For an angle-dependent one,
+        :math:`\max(\mu_0 + b \theta, 0)`.
 
         Parameters
         ----------
@@ -230,6 +235,9 @@ class Tendons:
         """
         mu = self.mu.copy()
         for hole, law in zip(self.dependent, self.laws, strict=True):
+            if isinstance(law, AngleDependentFriction):
+                mu[hole] = max(law.mu + law.slope * angles[hole], 0.0)
+                continue
             before = self.holes[hole]
             normal = (tension[before] + tension[before + 1]) * np.sin(0.5 * angles[hole])
             size = np.hypot(normal, law.smallest_force) / law.reference_force
