@@ -25,7 +25,7 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 2360,
+    "elements": 2362,
     "tdcr_fe": 235,
     "tdcr_fe/commands": 743,
     "tdcr_fe/effects": 1132,
@@ -36,10 +36,10 @@ BUDGET = {
     "tdcr_fe/model": 2400,
     "tdcr_fe/report": 1059,
     "tdcr_fe/scene": 1308,
-    "tdcr_fe/solve": 6057,
+    "tdcr_fe/solve": 6059,
     "tdcr_fe/sweeps": 1360,
     "validation": 6435,
-    "tests": 12551,
+    "tests": 12538,
 }
 #: Rooms that are no part of the product.
 BESIDE = ("tests", "validation")

@@ -228,6 +228,8 @@ class TendonLaw:
 
         That of the first has what the spring between drive and tendon gives.
         """
+        if not self.elastic:
+            return (self._material - lengths) * self._masked, -self._masked, np.zeros_like(lengths)
         c = self.parameters.compliance[:, None]
         stretch = 1.0 / (1.0 + c * tension)
         released = (self._material - lengths * stretch) * self._masked

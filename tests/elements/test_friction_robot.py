@@ -7,16 +7,17 @@ import pytest
 from robots import SEVEN, cables, distance, single, solve
 from scenes import damped, recommended
 
-from tdcr_fe import (
+from tdcr_fe import LoadStep
+from tdcr_fe.elements.coefficients import normal_forces
+from tdcr_fe.model.friction import (
     AngleDependentFriction,
     ConstantFriction,
     ForceDependentFriction,
-    LoadStep,
     StribeckFriction,
 )
-from tdcr_fe.elements.coefficients import normal_forces
 from tdcr_fe.model.robot import TightHole
 
+VISCOUS = StribeckFriction(0.2, 0.2, 1e-3, viscous=100.0)
 STRIBECK = StribeckFriction(static=0.3, kinetic=0.15, stribeck_rate=5e-3, viscous=2.0)
 
 
@@ -84,12 +85,7 @@ def test_a_load_step_has_the_coefficient_of_its_own_slip_rate(friction, tensions
 @pytest.mark.parametrize(("friction", "axial_stiffness"), [("per-hole", None), ("per-tendon", 300.0)])
 @pytest.mark.parametrize(
     "law",
-    [
-        ForceDependentFriction(0.3, 0.2),
-        AngleDependentFriction(0.05, 2.0),
-        StribeckFriction(0.2, 0.2, 1e-3, viscous=100.0),
-        STRIBECK,
-    ],
+    [ForceDependentFriction(0.3, 0.2), AngleDependentFriction(0.05, 2.0), VISCOUS, STRIBECK],
     ids=["force-dependent", "angle-dependent", "viscous", "stribeck"],
 )
 def test_newton_converges_quadratically_with_laws(law, axial_stiffness, friction):

@@ -6,19 +6,10 @@ import numpy as np
 import pytest
 from robots import BACKBONE, DISKS, LENGTH, routed, seven, single, three
 
-from tdcr_fe import (
-    AngleDependentFriction,
-    Disks,
-    ForceDependentFriction,
-    Load,
-    LoadStep,
-    Model,
-    Robot,
-    Tendon,
-    simulate,
-)
+from tdcr_fe import Disks, Load, LoadStep, Model, Robot, Tendon, simulate
 from tdcr_fe.effects import Experiment, with_effects
 from tdcr_fe.model.backbone import Backbone, NonlinearMaterial, StiffnessPatch, Superelastic
+from tdcr_fe.model.friction import AngleDependentFriction, ForceDependentFriction
 from tdcr_fe.model.observed_step import Observation, ObservedStep
 from tdcr_fe.model.routing import ConvergingRouting, HelicalRouting, ParallelRouting, VaryingHelicalRouting
 from tdcr_fe.validation.reference import solve_reference

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -288,7 +289,10 @@ class LoadStepReport:
     @classmethod
     def of(cls, *paths: SolvedPath) -> LoadStepReport:
         """Report on a load step that was solved along a path; on the largest values where there are several."""
-        return cls(*(max(getattr(path, each.name) for path in paths) for each in fields(cls)))
+        return cls(*map(max, zip(*map(_REPORTED, paths), strict=True)))
+
+
+_REPORTED = attrgetter(*(each.name for each in fields(LoadStepReport)))
 
 
 class StepFailed(Exception):
