@@ -528,12 +528,13 @@ def _remembered(known: _Known) -> Iterator[LawLoad]:
     yield LawLoad("permanent set", kind, numbers, _yielded, text, price, held)
     if not known.progress:
         return
-    last, spans = known.settling
-    numbers, kind = (replace(share, lower=-most), last), Kind("stiffness", (known.clock.kind,))
+    last, held = known.settling
+    late, held = number("late", "1", (0.0, 1.0), 0.5, 0.1), {**held, "late": [0.0, 0.5, 1.0]}
+    numbers, kind = (replace(share, lower=-most), last, late), Kind("stiffness", (known.clock.kind,))
     for declared in ("of a fast load", "at rest"):
         acts = partial(_relaxed, clock=known.clock, at_rest=declared == "at rest")
         text = f"a backbone that relaxes; its declared stiffness is that {declared}"
-        yield LawLoad(f"relaxation, stiffness {declared}", kind, numbers, acts, text, price, spans)
+        yield LawLoad(f"relaxation, stiffness {declared}", kind, numbers, acts, text, price, held)
 
 
 def _along_the_backbone(known: _Known) -> Iterator[StateLoad]:
@@ -607,16 +608,15 @@ def _yielded(state: BayState, values: Values) -> Array:
 
 
 def _relaxed(state: BayState, values: Values, clock: Factor, at_rest: bool) -> Array:
-    """A curvature without load that follows the one that it has (a Maxwell element), which changes linearly in a row.
+    """A curvature without load that follows the one that it has (a Maxwell element).
 
-    ``at_rest``: whether the declared stiffness is that in the end.
+    For a share of the time since the row before the robot stays as it was there. ``at_rest``: whether the declared
+    stiffness is that in the end.
     """
     passed = clock.value(state)[:, :1, None] / values["span"]
     passed = np.where(state.begins[:, None, None], 0.0, np.diff(passed, axis=0, prepend=0.0))
-    left = np.exp(-passed)
-    # mean of what is left over the row
-    mean = np.divide(-np.expm1(-passed), passed, out=np.ones(left.shape), where=passed > 0.0)
-    gained = (mean - left) * _before(state) + (1.0 - mean) * _bending(state)
+    left, left_since = np.exp(-passed), np.exp(-(1.0 - values["late"]) * passed)
+    gained = (left_since - left) * _before(state) + (1.0 - left_since) * _bending(state)
     relaxed = _row_by_row(state, lambda last, k: left[k] * last + gained[k])
     return values["coefficient"] * _moment(relaxed - at_rest * _bending(state))
 

@@ -24,6 +24,15 @@ def tips(experiment: Experiment) -> np.ndarray:
     return solve(experiment.robot, list(experiment.steps), elements_per_bay=2).tips
 
 
+@pytest.mark.parametrize("named", PLACES, ids=lambda e: e.name)
+def test_at_a_place_an_effect_needs_what_it_needs_anywhere(named, monkeypatch):
+    """Derivatives of an effect of the user's own, which takes differences, were taken for exact."""
+    monkeypatch.setattr(type(named), "exact_derivatives", False)
+    there = named.at(named.places(DECLARED.robot)[0])
+    for name in ("exact_derivatives", "needs_friction", "after", "description"):
+        assert getattr(there, name) == getattr(named, name)
+
+
 def test_a_spring_deflects_as_a_cantilever_with_a_spring_at_its_tip():
     """Small force F at the tip: F / (3 EI / L^3 + k), and nothing along the backbone."""
     bare, k, force = Experiment(Robot(BACKBONE, Disks.equally_spaced(5, LENGTH)), Model()), 0.3, 1e-5
