@@ -528,13 +528,13 @@ def _remembered(known: _Known) -> Iterator[LawLoad]:
     yield LawLoad("permanent set", kind, numbers, _yielded, text, price, held)
     if not known.progress:
         return
-    last, held = known.settling
-    late, held = number("late", "1", (0.0, 1.0), 0.5, 0.1), {**held, "late": [0.0, 0.5, 1.0]}
-    numbers, kind = (replace(share, lower=-most), last, late), Kind("stiffness", (known.clock.kind,))
+    (last, spans), late = known.settling, number("late", "1", (0.0, 1.0), 0.5, 0.1)
+    relaxing, tried = (replace(share, lower=-most), last, late), {**spans, "late": [0.0, 0.5, 1.0]}
+    kind = Kind("stiffness", (known.clock.kind,))
     for declared in ("of a fast load", "at rest"):
         acts = partial(_relaxed, clock=known.clock, at_rest=declared == "at rest")
         text = f"a backbone that relaxes; its declared stiffness is that {declared}"
-        yield LawLoad(f"relaxation, stiffness {declared}", kind, numbers, acts, text, price, held)
+        yield LawLoad(f"relaxation, stiffness {declared}", kind, relaxing, acts, text, price, tried)
 
 
 def _along_the_backbone(known: _Known) -> Iterator[StateLoad]:
