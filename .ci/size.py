@@ -30,7 +30,7 @@ BUDGET = {
     "tdcr_fe/commands": 743,
     "tdcr_fe/effects": 1132,
     "tdcr_fe/estimate": 1440,
-    "tdcr_fe/identify": 6076,
+    "tdcr_fe/identify": 6080,
     "tdcr_fe/io": 1657,
     "tdcr_fe/live": 333,
     "tdcr_fe/model": 2400,

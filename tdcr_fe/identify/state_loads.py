@@ -15,6 +15,7 @@ from itertools import chain, combinations_with_replacement, product
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from tdcr_fe.effects import Parameter
 from tdcr_fe.effects.base import Kind, Values
@@ -37,8 +38,9 @@ TYPICAL, FARTHEST = 0.02, 2000.0
 MOST_PAIRS = 1200
 
 
-#: Values of a factor between which any function of it is linear.
-KNOTS = 6
+#: Values of a factor through which any function of it goes. With six, and lines between them, a stiffness that went up
+#: and down by 6 % every 30 of 46 rows left a chi-square of 3.1 on held-out rows, beside two wrong causes.
+KNOTS = 8
 
 #: Angle over the whole length below which the direction of the curvature fades [rad].
 STRAIGHT = 0.1
@@ -570,20 +572,23 @@ FAMILIES = (
 
 
 def _free(term: Term, state: BayState) -> list[tuple[str, str, Callable[[BayState], Array]]]:
-    """The coefficients of a term of one factor as any function of it, linear between some of its values.
+    """The coefficients of a term of one factor as any function of it: a natural cubic spline through some values.
 
     It is zero at the smallest: a constant is a cause of its own.
     """
     (factor,) = term.factors
     given = factor.value(state)
-    at = np.unique(np.quantile(given[np.isfinite(given)], np.linspace(0.0, 1.0, KNOTS)))
+    given = given[np.isfinite(given)]
+    count = min(KNOTS, len(np.unique(given)))
+    at = np.unique(np.quantile(given, np.linspace(0.0, 1.0, count)))
 
-    def share(state: BayState, shape: Array) -> Array:
-        return np.interp(factor.value(state), at, shape)
+    def share(state: BayState, curve: CubicSpline) -> Array:
+        return np.asarray(curve(np.clip(factor.value(state), at[0], at[-1])))
 
     found = []
-    for k, shape in enumerate(np.eye(len(at))[1:], 1):
-        own = replace(term, factors=(replace(factor, unit="", value=partial(share, shape=shape)),))
+    for k, values in enumerate(np.eye(len(at))[1:], 1):
+        curve = CubicSpline(at, values, bc_type="natural")
+        own = replace(term, factors=(replace(factor, unit="", value=partial(share, curve=curve)),))
         found += [(f"{n}_{k}_at_{at[k]:.3g}", unit, act) for n, unit, act in own.actions]
     return found
 
