@@ -25,7 +25,7 @@ from pathlib import Path
 
 #: Lines of code that a room may have: what it has where that is still more than it should be.
 BUDGET = {
-    "elements": 2362,
+    "elements": 2361,
     "tdcr_fe": 235,
     "tdcr_fe/commands": 743,
     "tdcr_fe/effects": 1132,
@@ -39,7 +39,7 @@ BUDGET = {
     "tdcr_fe/solve": 6059,
     "tdcr_fe/sweeps": 1360,
     "validation": 6435,
-    "tests": 12546,
+    "tests": 12544,
 }
 #: Rooms that are no part of the product.
 BESIDE = ("tests", "validation")

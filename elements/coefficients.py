@@ -76,9 +76,8 @@ def evaluate_laws(
     """
     found = Coefficients(constant.copy(), *np.zeros((3, *constant.shape)))
     for law, holes in laws:
-        for target, values in zip(
-            found, law.coefficient(normal[holes], rate[holes], angle[holes]), strict=True
-        ):
+        own = law.coefficient(normal[holes], rate[holes], angle[holes])
+        for target, values in zip(found, own, strict=True):
             target[holes] = values
     return found
 

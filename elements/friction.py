@@ -228,7 +228,7 @@ class TendonLaw:
 
         That of the first has what the spring between drive and tendon gives.
         """
-        if not self.elastic:
+        if not self.elastic:  # the same, without what is one or zero: 1 % of a load step
             return (self._material - lengths) * self._masked, -self._masked, np.zeros_like(lengths)
         c = self.parameters.compliance[:, None]
         stretch = 1.0 / (1.0 + c * tension)

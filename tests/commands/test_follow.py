@@ -126,9 +126,8 @@ def test_a_long_search_is_announced_and_keeps_what_it_found_at_its_time_limit(ro
     monkeypatch.setattr(common, "LOOK", 0.2)
     monkeypatch.setattr(common, "LONG_RUN", 0.1)
     path = "step,x,y,z\n" + "".join(f"{k},0.1,0.{k % 9},0.3\n" for k in range(1, 900))
-    before = signal.signal(
-        signal.SIGINT, signal.SIG_IGN
-    )  # as for a job in the background; the limit had no effect
+    # as for a job in the background; the limit had no effect
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     err = said(capsys, 1, *command(robot, path, "--largest", "2", "--minutes", "0.02"))
     signal.signal(signal.SIGINT, before)
     found = len(pd.read_csv(robot.parent / "out" / "targets.csv"))

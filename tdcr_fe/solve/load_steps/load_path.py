@@ -292,6 +292,7 @@ class LoadStepReport:
         return cls(*map(max, zip(*map(_REPORTED, paths), strict=True)))
 
 
+#: The values of a solved path that a report has, in its order.
 _REPORTED = attrgetter(*(each.name for each in fields(LoadStepReport)))
 
 
